@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from dimersweep.kernel.contact.coordinates import N_Y, YUA, YUB
+from dimersweep.kernel.contact.coordinates import N_Y, Y
 from dimersweep.kernel.contact.forces import COMPLIANCE, N_F
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
@@ -330,7 +330,7 @@ def forces(dm, modes, state):
     contact_rates(dm, modes, state[PHASE] + dm.phi0, y, dy, F)
     slip = slips(dm, state[None])[0]
     if (modes == FREE).any():
-        slip[np.flatnonzero(modes != FREE)[0]] = y[YUA], y[YUB]
+        slip[np.flatnonzero(modes != FREE)[0]] = y[Y.u_a], y[Y.u_b]
     return F[:COMPLIANCE].reshape(2, 3), slip
 
 

@@ -14,11 +14,7 @@ from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.contact import coordinates, forces, phase, step_control
 from dimersweep.kernel.contact.contact_mode import CLOSED
 from dimersweep.kernel.contact.events import NO_EVENT, OUT_OF_STEPS, is_failure
-from dimersweep.kernel.course import (
-    Ask,
-    motion_of,
-    new_workspace,
-)
+from dimersweep.kernel.course import Ask, contact_of, motion_of, new_workspace
 from dimersweep.kernel.flight import free_motion
 from dimersweep.kernel.flight import landing as landings
 from dimersweep.kernel.impact import impact, single_impact
@@ -99,25 +95,25 @@ def delassus_of_both(dm, state):
 @compiled
 def contact_step(dm, motion, method, rtol):
     """One step of a contact phase by a given method."""
-    b = step_control.step_arrays(motion.work)
-    plate = motion.state[PHASE] + dm.phi0
-    smooth_motion.set_contact(dm, motion.state, motion.modes, b.start)
-    step_control.set_scales(dm, rtol, b.scale)
-    step_control.set_chart(b.start, b)
-    forces.contact_rates(dm, motion.modes, plate, b.start, False, b.dy, b.F)
-    gamma = step_control.stiffness(dm, motion.modes, b.start, max(b.F[forces.F1], b.F[forces.F2]))
-    size = STRETCH if method == step_control.RESCALED else SHARE * dm.period
-    return step_control.step_to(dm, motion.modes, plate, size, coordinates.N_CLOSED, method, gamma, b)
+    y, control = motion.contact, motion.work.control[0]
+    smooth_motion.set_contact(dm, motion.state, motion.modes, y)
+    plate, n, work = motion.state[PHASE] + dm.phi0, coordinates.N_CLOSED, motion.work
+    b, bracket = step_control.step_arrays(work), work.bracket[0]
+    p = step_control.Phase(dm, motion.modes, plate, dm.period, rtol, 0.0, n, False, b, control, bracket, work.meter)
+    step_control.begin_at(p, y)
+    control.method = method
+    control.stiffness = step_control.stiffness(p, max(p.b.start.F[forces.F1], p.b.start.F[forces.F2]))
+    return step_control.step_to(p, p.phase, STRETCH if method == step_control.RESCALED else SHARE * dm.period)
 
 
 @compiled
 def contact_phase(dm, motion, rtol):
     """A contact phase to its first event or the end of the forcing period."""
-    state, y = motion.state, motion.contact
-    smooth_motion.set_contact(dm, state, motion.modes, y)
-    plate, span = state[PHASE] + dm.phi0, (TWO_PI - state[PHASE]) / dm.omega
-    slip_tol = smooth_motion.no_slip(dm, state, rtol)
-    t, event = phase.sustain_contact(dm, motion.modes, y, plate, span, False, rtol, slip_tol, True, motion.work)
+    state = motion.state
+    smooth_motion.set_contact(dm, state, motion.modes, motion.contact)
+    motion.course[0].slip_tol = smooth_motion.no_slip(dm, state, rtol)
+    span = (TWO_PI - state[PHASE]) / dm.omega
+    t, event = phase.sustain_contact(dm, contact_of(dm, motion), span, False, rtol, True, motion.work)
     return t if event != OUT_OF_STEPS else np.nan
 
 
@@ -128,12 +124,10 @@ def whole_chatter(dm, motion, ask, record):
     for hop in range(1, MAX_HOPS):
         energy = chatter.kinetic(dm, state)
         status, _ = event_loop.collide(dm, state, modes, ask.rtol, dm.v_scale, motion.work, record.log)
-        slip_tol = smooth_motion.no_slip(dm, state, ask.rtol)
-        y, dy, F = motion.contact, motion.rates, motion.forces
-        if chatter.come_to_rest(dm, state, modes, slip_tol, ask.close, 1.0 * hop, energy, y, dy, F) >= 0.0:
+        course.slip_tol = smooth_motion.no_slip(dm, state, ask.rtol)
+        if chatter.come_to_rest(dm, contact_of(dm, motion), state, ask.close, 1.0 * hop, energy) >= 0.0:
             return hop
-        answer = smooth_motion.find_contact(dm, motion, modes, NO_EVENT, slip_tol)
-        course.contact_is_set, course.slip_tol = answer == CLOSED, slip_tol
+        course.contact_is_set = smooth_motion.find_contact(dm, contact_of(dm, motion), state, NO_EVENT) == CLOSED
         event = smooth_motion.move_to_next_event(dm, ask, motion)
         if status != OK or is_failure(event) or approach(state) == 0.0:
             return 0
@@ -196,7 +190,7 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, space, record, a
                 answer = route(dm, state, rtol)
             elif verb == SLIP_SPEED:
                 smooth_motion.set_contact(dm, state, mode, motion.contact)
-                answer = hypot(motion.contact[coordinates.YUA], motion.contact[coordinates.YUB])
+                answer = hypot(motion.contact[coordinates.Y.u_a], motion.contact[coordinates.Y.u_b])
             answers[k] = answer
 
 

@@ -12,13 +12,11 @@ is known to the tolerance, and the errors add up: an end is closed where its rat
 What is lost are the hops; the motion about which they hop goes on as a contact phase.
 """
 
-from math import inf
-
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode
-from dimersweep.kernel.contact.coordinates import YUA, YUB, contact_state
+from dimersweep.kernel.contact.coordinates import Y, contact_state
 from dimersweep.kernel.contact.events import NO_EVENT
-from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, double_forces
+from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, double_forces, put_forces
 from dimersweep.kernel.impact.impact import apply_impulse
 from dimersweep.kernel.model.body import (
     attitude,
@@ -31,20 +29,7 @@ from dimersweep.kernel.model.body import (
     levers,
 )
 from dimersweep.kernel.model.friction import slip_force
-from dimersweep.kernel.model.layout import (
-    D1,
-    D2,
-    DIP,
-    FREE,
-    N1,
-    N2,
-    N_STATE,
-    PHASE,
-    SLIP,
-    SPIN,
-    WB,
-    WP,
-)
+from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, N_STATE, SLIP, SPIN, WB, WP
 from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound, tempo
 from dimersweep.kernel.model.works import begin_tally, note_struck
 from dimersweep.kernel.numerics.elementary import length, raised
@@ -54,39 +39,33 @@ CLOSE_COST = 4.0  # what the close of a chatter may cost, in tolerances
 SPREAD = 0.03  # what the errors of a period's events add up to, in tolerances for each
 ALONE = 20.0  # hops of one end over which the other one stays off the plate if it has no part in them
 GAIN = 1e-14  # energy that round-off may give
-NOTHING = -1.0  # time of hops where none are summed
+NOTHING = -1.0  # time of hops where none are summed, or may be
 FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
 
 
 @compiled
-def rest_of_chatter(dm, p, dip, n, F, faint):
-    """Time that the rest of a chatter of the end p from gap rate n under a contact force F takes [s].
+def rest_of_chatter(dm, c, state, i, faint, tol):
+    """Time that the rest of the chatter of end i under the contact force takes [s]; NOTHING if it is not to be summed.
 
-    0.0 if it is as faint as a gap rate may be that is lost, or ruled by round-off; inf if it does not end, or if the plate
-    could take the force away before. While the force changes slowly, hops without loss keep n^3 over it: they grow with it.
+    0.0 if the gap rate is as faint as one may be that is lost, or ruled by round-off, and for an end that is off the plate.
+    While the force changes slowly, hops without loss keep n^3 over it: they grow with it. No hop is summed where they do not
+    end, where the plate could take the force away before, or where the close loses more than the tolerance. Where an impact
+    holds an end otherwise than a lasting contact, a close lets slip what hops would have held, or holds it: that is of the
+    order of n, and no hop is summed that counts.
     """
-    lv = levers(p, *attitude(dm, dip))
-    press = F * delassus(dm, lv, lv).nn
-    most = heaviest(dm)
-    if n <= FLOOR * dm.v_scale or (press > 0.0 and n**3 * most <= faint**3 * press):
+    if c.modes[i] == FREE:
         return 0.0
-    if p.e >= 1.0 or press <= 0.0:
-        return inf
+    p, n = end(dm, i), state[N1 + i]
+    lv = levers(p, *attitude(dm, state[DIP]))
+    press = c.F[F1 + 3 * i] * delassus(dm, lv, lv).nn
+    if n <= FLOOR * dm.v_scale or (press > 0.0 and n**3 * heaviest(dm) <= faint**3 * press):
+        return 0.0
+    if p.e >= 1.0 or press <= 0.0 or p.mu_h != p.mu_s:
+        return NOTHING
     time = 2.0 * n / (press * (1.0 - p.e))
-    return time if jerk_bound(dm) * time < 0.5 * press else inf
-
-
-@compiled
-def slow_enough(dm, p, n, remaining, tol):
-    """Whether what a close of the end p from gap rate n loses is below the tolerance.
-
-    Where an impact holds an end otherwise than a lasting contact, a close lets slip what hops would have held, or holds it:
-    that is of the order of n, and no hop is summed that counts.
-    """
-    if p.mu_h != p.mu_s:
-        return remaining == 0.0
-    turn = tempo(dm) * remaining
-    return n * turn * turn <= CLOSE_COST * tol * dm.v_scale
+    turn = tempo(dm) * time
+    slow = jerk_bound(dm) * time < 0.5 * press and n * turn * turn <= CLOSE_COST * tol * dm.v_scale
+    return time if slow else NOTHING
 
 
 @compiled
@@ -109,11 +88,20 @@ def lands_slowly(dm, state, rate):
 
 
 @compiled
-def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
+def open_ends_stay_so(dm, c, state, time):
+    """Whether an end that is off the plate certainly stays there for so long."""
+    stays = c.modes[0] != FREE or stays_open(dm, state, 0, time)
+    return stays and (c.modes[1] != FREE or stays_open(dm, state, 1, time))
+
+
+@compiled
+def come_to_rest(dm, c, state, tol, events, energy):
     """Close the ends whose chatter is as good as over; the state is updated.
 
     Parameters
     ----------
+    c : Contact
+        Scratch but for its plate phase and slip; its modes are those of the ends that were closed.
     tol : float
         Accuracy of the close.
     events : float
@@ -126,6 +114,7 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
     float
         Time that the hops which are summed would have taken [s]; below zero if no end was closed.
     """
+    modes = c.modes
     quickest = 2.0 * tempo(dm) / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
     fast = raised(CLOSE_COST * tol * dm.v_scale / (quickest * quickest), 1.0 / 3.0)
     faint, spread = CLOSE_COST * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
@@ -137,46 +126,40 @@ def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
         return NOTHING
     for _ in range(4):
         if not may_1 and not may_2:
-            return NOTHING
-        contact_state(dm, state, 0 if may_1 else 1, y)
-        phase = state[PHASE] + dm.phi0
-        answer = contact_mode(dm, may_1, may_2, phase, y, modes, slip_tol, NO_EVENT, dy, F)
-        if answer != CLOSED:
+            break
+        contact_state(dm, state, 0 if may_1 else 1, c.y)
+        if contact_mode(dm, c, may_1, may_2, NO_EVENT) != CLOSED:
             drop_round_off(dm, state)
-            return NOTHING
-        rest_1 = rest_of_chatter(dm, dm.p1, state[DIP], state[N1], F[F1], faint)
-        rest_2 = rest_of_chatter(dm, dm.p2, state[DIP], state[N2], F[F2], faint)
-        slow_1 = modes[0] == FREE or slow_enough(dm, dm.p1, state[N1], rest_1, tol)
-        slow_2 = modes[1] == FREE or slow_enough(dm, dm.p2, state[N2], rest_2, tol)
-        if not slow_1 or not slow_2:
-            may_1, may_2 = may_1 and slow_1 and modes[0] != FREE, may_2 and slow_2 and modes[1] != FREE
-            continue
-        if (modes[0] == FREE and not stays_open(dm, state, 0, rest_2)) or (
-            modes[1] == FREE and not stays_open(dm, state, 1, rest_1)
-        ):
-            return NOTHING
-        if close(dm, state, modes, tol, energy, dy, y, F):
+            break
+        rest_1, rest_2 = rest_of_chatter(dm, c, state, 0, faint, tol), rest_of_chatter(dm, c, state, 1, faint, tol)
+        time, down_1, down_2 = max(rest_1, rest_2), modes[0] != FREE, modes[1] != FREE
+        if min(rest_1, rest_2) < 0.0:  # the others alone
+            may_1, may_2 = may_1 and down_1 and rest_1 >= 0.0, may_2 and down_2 and rest_2 >= 0.0
+        elif not open_ends_stay_so(dm, c, state, time):
+            break
+        elif close(dm, c, state, tol, energy):
             drop_round_off(dm, state)
-            return max(rest_1 if modes[0] != FREE else 0.0, rest_2 if modes[1] != FREE else 0.0)
-        if modes[0] != FREE and modes[1] != FREE:
+            return time
+        elif down_1 and down_2:
             may_1, may_2 = state[N1] < state[N2], state[N2] < state[N1]  # the slower end alone
         else:
-            may_1, may_2 = may_1 and modes[0] == FREE, may_2 and modes[1] == FREE
+            may_1, may_2 = may_1 and not down_1, may_2 and not down_2
     return NOTHING
 
 
 @compiled
-def close(dm, state, modes, tol, energy, before, y, F):
+def close(dm, c, state, tol, energy):
     """Close the ends that have a contact mode, if that is allowed; returns whether it was.
 
     It is not allowed if the kinetic energy is then greater than `energy`, that before the impact, by more than the tolerance,
     or if an open end on the plate then moves into it; rates of round-off are always closed. Else the state stays as it was.
     """
+    before = c.dy
     copy(state, before, N_STATE)
-    if modes[0] != FREE and modes[1] != FREE:
-        close_both(dm, state, modes, y, F)
+    if c.modes[0] != FREE and c.modes[1] != FREE:
+        close_both(dm, c, state)
     else:
-        close_one(dm, state, modes, 0 if modes[0] != FREE else 1, y, F)
+        close_one(dm, c, state, 0 if c.modes[0] != FREE else 1)
     limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * speed_bound(dm) ** 2)
     gains = kinetic(dm, state) > limit
     drives = (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
@@ -195,29 +178,29 @@ def drop_round_off(dm, state):
 
 
 @compiled
-def close_one(dm, state, modes, i, y, F):
-    """Cancel the gap rate of end i by an impulse with the friction of its contact mode; the impulses go into F."""
+def close_one(dm, c, state, i):
+    """Cancel the gap rate of end i by an impulse with the friction of its contact mode; the impulses go into c.F."""
     p, (sin_b, cos_b) = end(dm, i), attitude(dm, state[DIP])
     lv, lj = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     w, wj = delassus(dm, lv, lv), delassus(dm, lj, lv)
     t_a, t_b = -w.an / w.aa, 0.0
-    if modes[i] == SLIP:
-        v = length(y[YUA], y[YUB])
-        t_a, t_b = slip_force(p.mu, 1.0, y[YUA], y[YUB])
+    if c.modes[i] == SLIP:
+        u_a, u_b = c.y[Y.u_a], c.y[Y.u_b]
+        v = length(u_a, u_b)
+        t_a, t_b = slip_force(p.mu, 1.0, u_a, u_b)
         t_a, t_b = t_a / v, t_b / v
     P = -state[N1 + i] / (w.nn + w.na * t_a)
     apply_impulse(dm, state, lv, P, t_a * P, t_b * P)
-    for k in range(COMPLIANCE):
-        F[k] = 0.0
-    F[F1 + 3 * i], F[A1 + 3 * i], F[L1 + 3 * i] = P, t_a * P, t_b * P
+    put_forces(i, P, t_a * P, t_b * P, 0.0, c.F)
     state[N2 - i] += P * (wj.nn + wj.na * t_a)
     state[N1 + i] = 0.0
 
 
 @compiled
-def close_both(dm, state, modes, y, F):
-    """Cancel both gap rates by impulses with the friction of the contact modes."""
-    double_forces(dm, modes, y, state[N1], state[N2], 0.0, 0.0, F)
+def close_both(dm, c, state):
+    """Cancel both gap rates by impulses with the friction of the contact modes, which go into c.F."""
+    F = c.F
+    double_forces(dm, c.modes, c.y, (state[N1], state[N2], 0.0, 0.0), F)
     p, q = level_levers(dm)
     apply_impulse(dm, state, p, F[F1], F[A1], F[L1])
     apply_impulse(dm, state, q, F[F2], F[A2], F[L2])

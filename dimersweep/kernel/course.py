@@ -8,8 +8,9 @@ import numpy as np
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.compiler.records import new_record, one
 from dimersweep.kernel.contact.events import NO_EVENT
+from dimersweep.kernel.contact.forces import Contact
 from dimersweep.kernel.contact.step_control import STEP_ROWS, Control
-from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, Dimer
+from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, PHASE, Dimer
 from dimersweep.kernel.model.works import STRUCK_ROWS, WorkTally
 from dimersweep.kernel.numerics.meter import Meter
 from dimersweep.kernel.numerics.root_bracket import RootBracket
@@ -137,6 +138,13 @@ def motion_of(state, modes, past, space):
         work,
         work.meter,
     )
+
+
+@compiled(inline=True)
+def contact_of(dm, motion):
+    """The contact of the ends on the plate in a run, now."""
+    phase, slip_tol = motion.state[PHASE] + dm.phi0, motion.course[0].slip_tol
+    return Contact(motion.modes, phase, motion.contact, motion.rates, motion.forces, slip_tol)
 
 
 @compiled(inline=True)

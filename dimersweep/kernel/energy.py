@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import YWORK
+from dimersweep.kernel.contact.coordinates import Y
 from dimersweep.kernel.contact.step_control import step_arrays
 from dimersweep.kernel.model.layout import FREE, N_STATE
 from dimersweep.kernel.model.works import N_CONTACT_WORK, N_WORK, STRUCK_ROWS
@@ -39,7 +39,7 @@ def begin_phase(y, work):
     """No works yet in the contact phase that is followed on."""
     flows = step_arrays(work).flows
     for k in range(N_CONTACT_WORK):
-        y[YWORK + k], flows[k] = 0.0, 0.0
+        y[Y.work + k], flows[k] = 0.0, 0.0
 
 
 @compiled
@@ -51,7 +51,7 @@ def keep_phase(book, n, state, modes, y, work):
     if modes[0] != FREE or modes[1] != FREE:
         flows = step_arrays(work).flows
         for k in range(N_CONTACT_WORK):
-            book.smooth[n, k] += y[YWORK + k]
+            book.smooth[n, k] += y[Y.work + k]
             book.flows[n, k] += flows[k]
 
 

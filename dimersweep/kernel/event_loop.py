@@ -16,7 +16,7 @@ from dimersweep.kernel.contact.events import (
     is_lift_off,
     is_slip_end,
 )
-from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, begin_course
+from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, begin_course, contact_of
 from dimersweep.kernel.energy import is_wanted, keep_phase, keep_struck
 from dimersweep.kernel.impact.impact import double_impact, single_impact
 from dimersweep.kernel.model.body import attitude, contact_velocity, kinetic, lift
@@ -167,7 +167,7 @@ def resolve_impact(dm, ask, motion, record):
     bool
         Whether the run goes on.
     """
-    state, modes, past, course = motion.state, motion.modes, motion.past, motion.course[0]
+    state, past, course = motion.state, motion.past, motion.course[0]
     record.counts[EVENT_COUNT] += 1
     energy = kinetic(dm, state)
     past[SCALARS, S_FASTEST] = max(past[SCALARS, S_FASTEST], sqrt(2.0 * energy * dm.im))
@@ -179,18 +179,8 @@ def resolve_impact(dm, ask, motion, record):
         copy(state, motion.before, N_STATE)
     hops = record.counts[EVENT_COUNT] - course.period_events
     charge_pair(motion)
-    course.hop_time = come_to_rest(
-        dm,
-        state,
-        modes,
-        no_slip(dm, state, ask.rtol),
-        ask.close,
-        hops,
-        energy,
-        motion.contact,
-        motion.rates,
-        motion.forces,
-    )
+    course.slip_tol = no_slip(dm, state, ask.rtol)
+    course.hop_time = come_to_rest(dm, contact_of(dm, motion), state, ask.close, hops, energy)
     if course.hop_time >= 0.0:
         course.cause = C_CHATTER_END
         if motion.work.course[0].tally.wanted:
@@ -271,7 +261,7 @@ def choose_contact(dm, ask, motion, record):
     state, modes, course = motion.state, motion.modes, motion.course[0]
     course.slip_tol = no_slip(dm, state, ask.rtol)
     charge_pair(motion)
-    if find_contact(dm, motion, modes, course.event, course.slip_tol) == INCONSISTENT:
+    if find_contact(dm, contact_of(dm, motion), state, course.event) == INCONSISTENT:
         course.forced += 1
         if course.forced > MOST_FORCED:
             course.status = JAMMED
@@ -313,7 +303,7 @@ def follow_up(dm, ask, motion, record, event):
         record.counts[EVENT_COUNT] += 1
         if event == JAM:  # the force of a slip grows beyond all bounds: an impact without collision follows
             force_impact(dm, motion.state)
-        elif not (is_lift_off(event) and only_grazes(dm, motion, end_of(event), motion.state[PHASE] + dm.phi0)):
+        elif not (is_lift_off(event) and only_grazes(dm, contact_of(dm, motion), end_of(event))):
             course.pending = True
             course.event = event
             if event != LANDING:

@@ -11,8 +11,7 @@ from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.contact.contact_mode import CLOSED, MOMENT
 from dimersweep.kernel.contact.coordinates import (
     BY_HEADING,
-    YCHART,
-    YDIP,
+    Y,
     change_chart,
     contact_state,
     kernel_state,
@@ -28,9 +27,9 @@ from dimersweep.kernel.contact.events import (
     is_slip_end,
     slip_speed,
 )
-from dimersweep.kernel.contact.forces import contact_rates
+from dimersweep.kernel.contact.forces import Contact, contact_rates
 from dimersweep.kernel.contact.phase import sustain_contact
-from dimersweep.kernel.course import ROW_TRIAL, Ask, motion_of
+from dimersweep.kernel.course import ROW_TRIAL, Ask, contact_of, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.model.body import TWO_PI, end, set_dimer
@@ -126,7 +125,7 @@ def forces_at(row, states, modes, rtol, space, forces):
         motion = motion_of(space.state, space.modes, space.past, space)
         motion.course[0].slip_tol = no_slip(dm, space.state, rtol)
         begin_contact(dm, motion)
-        if motion.contact[YCHART] != BY_HEADING:
+        if motion.contact[Y.chart] != BY_HEADING:
             change_chart(dm, end(dm, leading(space.modes)).s, motion.contact)
         contact_rates(dm, space.modes, states[k, PHASE] + dm.phi0, motion.contact, False, motion.rates, forces[k])
 
@@ -165,18 +164,18 @@ def move_contact(dm, motion, span, rtol):
     """
     state, modes, y = motion.state, motion.modes, motion.contact
     motion.course[0].slip_tol = no_slip(dm, state, rtol)
-    phase = state[PHASE] + dm.phi0
     begin_contact(dm, motion)
-    done, event = follow_to_event(dm, motion, phase, span, rtol)
+    done, event = follow_to_event(dm, contact_of(dm, motion), motion.work, span, rtol)
     if is_slip_end(event) and dm.omega * (span - done) > max(MOMENT, SLIP_END_ERROR * rtol):
         # passed by: all again, with no events in view
         begin_contact(dm, motion)
         done, event = 0.0, LANDING
     if event != NO_EVENT and not is_slip_end(event):
-        _, event = sustain(dm, motion, phase + dm.omega * done, span - done, rtol, False)
-        if y[YCHART] == BY_HEADING:
+        later = contact_later(dm, contact_of(dm, motion), done)
+        _, event = sustain_contact(dm, later, span - done, True, rtol, False, motion.work)
+        if y[Y.chart] == BY_HEADING:
             side = 1.0 if modes[0] != FREE else -1.0
-            y[YDIP] = side * max(0.0, side * y[YDIP])
+            y[Y.dip] = side * max(0.0, side * y[Y.dip])
     kernel_state(dm, modes, y, state)
     state[PHASE] += dm.omega * span
     if event == OUT_OF_STEPS:
@@ -191,29 +190,28 @@ def begin_contact(dm, motion):
     A slip that sets out from rest is chosen again: its direction is lost in the rounding of the state.
     """
     state, modes, y, trial = motion.state, motion.modes, motion.contact, motion.work.rows[ROW_TRIAL]
-    slip_tol = motion.course[0].slip_tol
+    c = contact_of(dm, motion)
     set_contact(dm, state, modes, y)
     speed, _ = slip_speed(dm, modes, y, y)
-    if speed <= slip_tol:
-        answer = find_contact(dm, motion, trial, HOLD_LOST, slip_tol)
+    if speed <= c.slip_tol:
+        answer = find_contact(dm, Contact(trial, c.phase, y, c.dy, c.F, c.slip_tol), state, HOLD_LOST)
         if answer != CLOSED or trial[0] != modes[0] or trial[1] != modes[1]:
             contact_state(dm, state, leading(modes), y)
 
 
 @compiled
-def follow_to_event(dm, motion, phase, span, rtol):
-    """Follow a contact phase to its first event that is no graze; returns time and event."""
+def follow_to_event(dm, c, work, span, rtol):
+    """Follow a contact phase, with its path, to its first event that is no graze; returns time and event."""
     done, event = 0.0, NO_EVENT
     for _ in range(MOST_GRAZES):
-        t, event = sustain(dm, motion, phase + dm.omega * done, span - done, rtol, True)
+        t, event = sustain_contact(dm, contact_later(dm, c, done), span - done, True, rtol, True, work)
         done += t
-        if not (is_lift_off(event) and only_grazes(dm, motion, end_of(event), phase + dm.omega * done)):
+        if not (is_lift_off(event) and only_grazes(dm, contact_later(dm, c, done), end_of(event))):
             break
     return done, event
 
 
 @compiled
-def sustain(dm, motion, phase, span, rtol, locate):
-    """Integrate the contact phase with its path; see `sustain_contact`."""
-    slip_tol = motion.course[0].slip_tol
-    return sustain_contact(dm, motion.modes, motion.contact, phase, span, True, rtol, slip_tol, locate, motion.work)
+def contact_later(dm, c, time):
+    """The contact with the plate moved on by a time."""
+    return Contact(c.modes, c.phase + dm.omega * time, c.y, c.dy, c.F, c.slip_tol)

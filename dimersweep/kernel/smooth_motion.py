@@ -2,10 +2,11 @@
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode, force_later
-from dimersweep.kernel.contact.coordinates import YDIP, YS, YUA, YUB, YWB, YWP, contact_state, kernel_state, leading
+from dimersweep.kernel.contact.coordinates import Y, contact_state, kernel_state, leading
 from dimersweep.kernel.contact.events import LANDING, NO_EVENT, OUT_OF_PROBES
-from dimersweep.kernel.contact.forces import F1, F2, contact_rates, double_rates, hold_reserve
+from dimersweep.kernel.contact.forces import F1, F2, Pull, double_rates, hold_reserve, take_rates
 from dimersweep.kernel.contact.phase import sustain_contact
+from dimersweep.kernel.course import contact_of
 from dimersweep.kernel.energy import begin_phase
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES, next_landing
@@ -29,15 +30,15 @@ def no_slip(dm, state, rtol):
 
 
 @compiled(inline=True)
-def find_contact(dm, motion, modes, event, slip_tol):
-    """Contact modes of the ends at rest on the plate into `modes`; the state follows them, and the contact state is set.
+def find_contact(dm, c, state, event):
+    """Contact modes of the ends at rest on the plate; the state follows them, and the contact state is set.
 
     Returns
     -------
     int
         CLOSED, SEPARATES or INCONSISTENT.
     """
-    state, y = motion.state, motion.contact
+    modes, y = c.modes, c.y
     closed_1 = state[D1] == 0.0 and state[N1] == 0.0
     closed_2 = state[D2] == 0.0 and state[N2] == 0.0
     modes[0], modes[1] = FREE, FREE
@@ -45,9 +46,8 @@ def find_contact(dm, motion, modes, event, slip_tol):
         return CLOSED
     contact_state(dm, state, 0 if closed_1 else 1, y)
     if closed_1 and closed_2:
-        y[YDIP], y[YWB] = 0.0, 0.0
-    phase = state[PHASE] + dm.phi0
-    answer = contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, motion.rates, motion.forces)
+        y[Y.dip], y[Y.w_b] = 0.0, 0.0
+    answer = contact_mode(dm, c, closed_1, closed_2, event)
     if answer == CLOSED:
         kernel_state(dm, modes, y, state)
     return answer
@@ -115,10 +115,10 @@ def set_contact(dm, state, modes, y):
 def clear_slip(dm, modes, y):
     """Make the slip of a sticking end exactly zero (it was, but for the rounding on the way to the kernel state and back)."""
     if modes[0] == STICK or (modes[0] == FREE and modes[1] == STICK):
-        y[YUA], y[YUB] = 0.0, 0.0
+        y[Y.u_a], y[Y.u_b] = 0.0, 0.0
     elif modes[1] == STICK:
-        y[YUA] = 0.0
-        y[YWP] = turn_of_pair(dm, y[YUB], y[YS])
+        y[Y.u_a] = 0.0
+        y[Y.w_p] = turn_of_pair(dm, y[Y.u_b], y[Y.spin])
 
 
 @compiled
@@ -130,27 +130,23 @@ def scene_energy(dm, state):
 @compiled(inline=True)
 def follow_contact(dm, ask, motion):
     """Follow the contact phase to its next event, or to the end of the forcing period; returns the event."""
-    state, y = motion.state, motion.contact
-    phase, span = state[PHASE] + dm.phi0, (TWO_PI - state[PHASE]) / dm.omega
+    state, y, span = motion.state, motion.contact, (TWO_PI - motion.state[PHASE]) / dm.omega
     if motion.work.course[0].tally.wanted:
         motion.work.control[0].doubt = max(FINER * ask.rtol, FINEST) * scene_energy(dm, state)
         begin_phase(y, motion.work)
-    t, event = sustain_contact(
-        dm, motion.modes, y, phase, span, ask.path, ask.rtol, motion.course[0].slip_tol, True, motion.work
-    )
+    t, event = sustain_contact(dm, contact_of(dm, motion), span, ask.path, ask.rtol, True, motion.work)
     if event == LANDING:
-        y[YDIP] = 0.0
+        y[Y.dip] = 0.0
     kernel_state(dm, motion.modes, y, state)
     state[PHASE] += dm.omega * t
     return event
 
 
 @compiled(inline=True)
-def only_grazes(dm, motion, i, phase):
+def only_grazes(dm, c, i):
     """Whether the force at end i, zero now in the contact phase, is positive again a moment later."""
-    y, dy, F = motion.contact, motion.rates, motion.forces
-    contact_rates(dm, motion.modes, phase, y, False, dy, F)
-    return force_later(dm, motion.modes, i, phase, y, dy, F) > 0.0
+    take_rates(dm, c)
+    return force_later(dm, c, i) > 0.0
 
 
 @compiled
@@ -170,7 +166,7 @@ def rests_for_good(dm, motion):
     most = most_along(dm)
     for k in range(4 if most > 0.0 else 1):
         A_a, A_b = most * (1.0 - 2.0 * (k % 2)), most * (1.0 - 2.0 * (k // 2))
-        double_rates(dm, modes, lightest_g, A_a, A_b, y, False, motion.rates, motion.forces)
+        double_rates(dm, modes, Pull(lightest_g, A_a, A_b), y, False, motion.rates, motion.forces)
         if min(motion.forces[F1], motion.forces[F2]) < 0.0 or hold_reserve(dm, modes, 0, motion.forces) < 0.0:
             return False
     return True

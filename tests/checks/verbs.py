@@ -5,7 +5,7 @@ With the JIT off these are the plain functions.
 
 import numpy as np
 
-from dimersweep.kernel import chatter, smooth_motion
+from dimersweep.kernel import smooth_motion
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.kernel.contact import contact_mode as contact_modes
 from dimersweep.kernel.contact import coordinates, forces, phase
@@ -189,7 +189,7 @@ def set_slip(dm, modes, y, i, a, b):
 
 @exported
 def set_slips(dm, modes, y, a, b_1, b_2):
-    u_b, w_p = y[coordinates.YUB], y[coordinates.YWP]
+    u_b, w_p = y[coordinates.Y.u_b], y[coordinates.Y.w_p]
     coordinates.put_slips(dm, y, a, b_1, b_2)
     coordinates.give_impulses(dm, modes, y, u_b, w_p)
 
@@ -241,7 +241,7 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
 
 @exported
 def free_rates(dm, s, y, g_e, sin_b, cos_b):
-    return forces.free_rates(dm, end(dm, s), y, g_e, 0.0, 0.0, sin_b, cos_b)
+    return forces.free_rates(dm, end(dm, s), forces.rod_of(y, sin_b, cos_b), forces.Pull(g_e, 0.0, 0.0))
 
 
 @exported
@@ -251,24 +251,22 @@ def hold_reserve(dm, modes, i, F):
 
 @exported
 def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, dy, F):
-    return contact_modes.contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, dy, F)
+    c = forces.Contact(modes, phase, y, dy, F, slip_tol)
+    return contact_modes.contact_mode(dm, c, closed_1, closed_2, event)
 
 
 @exported
 def sustain_contact(dm, modes, y, at, span, tol, slip_tol, locate, work):
     """Contact phase with the path."""
-    return phase.sustain_contact(dm, modes, y, at, span, True, tol, slip_tol, locate, work)
+    c = forces.Contact(modes, at, y, y, y, slip_tol)
+    return phase.sustain_contact(dm, c, span, True, tol, locate, work)
 
 
 @exported
 def sustain_contact_without_path(dm, modes, y, at, span, tol, slip_tol, locate, work):
     """Contact phase without the path."""
-    return phase.sustain_contact(dm, modes, y, at, span, False, tol, slip_tol, locate, work)
-
-
-@exported
-def come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F):
-    return chatter.come_to_rest(dm, state, modes, slip_tol, tol, events, energy, y, dy, F)
+    c = forces.Contact(modes, at, y, y, y, slip_tol)
+    return phase.sustain_contact(dm, c, span, False, tol, locate, work)
 
 
 @exported

@@ -9,20 +9,7 @@ from scipy.optimize import brentq
 
 from dimersweep import simulate
 from dimersweep.kernel.contact.contact_mode import CLOSED, INCONSISTENT, PAIR_SPEED, SEPARATES
-from dimersweep.kernel.contact.coordinates import (
-    N_CLOSED,
-    N_PATH,
-    N_Y,
-    YDIP,
-    YS,
-    YTHETA,
-    YTIME,
-    YUA,
-    YUB,
-    YWB,
-    YWP,
-    YX,
-)
+from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, N_Y, Y
 from dimersweep.kernel.contact.events import (
     HOLD_LOST,
     JAM,
@@ -117,9 +104,9 @@ def loaded(dm, modes, state):
     y = np.zeros(N_Y)
     contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
     if modes[0] == STICK or modes[1] == STICK:
-        y[YUA] = 0.0
+        y[Y.u_a] = 0.0
     if STICK in (modes[0], modes[1]) and (modes[0] == STICK or modes[0] == FREE):
-        y[YUB] = 0.0
+        y[Y.u_b] = 0.0
     return np.array(modes, dtype=float), y
 
 
@@ -147,9 +134,9 @@ def test_a_slip_is_set_by_impulses_of_friction(modes, both):
     contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
     i, later = modes.index(SLIP), state.copy()
     if both:
-        set_slips(dm, codes, y, y[YUA], 0.7, -0.3)
+        set_slips(dm, codes, y, y[Y.u_a], 0.7, -0.3)
     else:
-        set_slip(dm, codes, y, i, y[YUA], 0.7)
+        set_slip(dm, codes, y, i, y[Y.u_a], 0.7)
     kernel_state(dm, codes, y, later)
     change = (later - state)[[CB, WP, SPIN]] * [dm.m, dm.J_t, dm.J_a]
     columns = np.array([[1.0, *of] for of in levers]).T
@@ -200,16 +187,16 @@ def test_forces_and_rates_are_those_of_the_oracle(modes, seed):
     leading = active[0]
     slip, slip_rate = body.slips(d, q, qdot)[leading] @ frame[1:, 1:], acc[leading] @ frame
     rates = {
-        YDIP: qdot[4],
-        YWB: qddot[4],
-        YWP: qddot[3] * cos_b - turn * sin_b * qdot[4],
+        Y.dip: qdot[4],
+        Y.w_b: qddot[4],
+        Y.w_p: qddot[3] * cos_b - turn * sin_b * qdot[4],
         3: qddot[5] + qddot[3] * sin_b + turn * cos_b * qdot[4],
-        YUA: slip_rate[1] - turn * slip[1],
-        YUB: slip_rate[2] + turn * slip[0],
-        YTHETA: turn,
-        YTIME: 1.0,
-        YX: qdot[0],
-        YX + 1: qdot[1],
+        Y.u_a: slip_rate[1] - turn * slip[1],
+        Y.u_b: slip_rate[2] + turn * slip[0],
+        Y.theta: turn,
+        Y.time: 1.0,
+        Y.x: qdot[0],
+        Y.x + 1: qdot[1],
         10: qdot[5],
     }
     size = max(1.0, np.abs(qddot).max())
@@ -273,15 +260,15 @@ def complementary(dm, found, closed, y, dy):
     for i in (0, 1):
         if closed[i] and found[i] == FREE:
             sign = 1 if i == 1 else -1
-            assert sign * (dy[YWB] * cos(y[YDIP]) - sin(y[YDIP]) * y[YWB] ** 2) > 0
+            assert sign * (dy[Y.w_b] * cos(y[Y.dip]) - sin(y[Y.dip]) * y[Y.w_b] ** 2) > 0
 
 
 def slip_starts_outward(dm, found, modes, y, dy):
     """Slip out of rest is small, and speeds up along itself: only a single contact has one direction for it."""
     for i in (0, 1):
         if modes[i] == STICK and found[i] == SLIP:
-            shift = dm.l * np.array([y[YWP], dy[YWP]]) * (i == 1 and found[0] != FREE)
-            slip, rate = np.array([y[YUA], y[YUB] - shift[0]]), np.array([dy[YUA], dy[YUB] - shift[1]])
+            shift = dm.l * np.array([y[Y.w_p], dy[Y.w_p]]) * (i == 1 and found[0] != FREE)
+            slip, rate = np.array([y[Y.u_a], y[Y.u_b] - shift[0]]), np.array([dy[Y.u_a], dy[Y.u_b] - shift[1]])
             assert 0 < hypot(*slip) <= SLIP_TOL * (PAIR_SPEED if modes == (STICK, STICK) else 1)
             assert slip @ rate > 0
             if FREE in found:
@@ -397,7 +384,7 @@ def test_two_ends_at_their_limits_set_out_against_what_held_them(seed, rougher):
     assert (answer, found) == (CLOSED, (SLIP, SLIP))
     assert slipping[A1] == pytest.approx(F[A1], rel=1e-6)
     assert slipping[[L1, L2]] == pytest.approx(F[[L1, L2]], rel=1e-6)
-    assert np.abs(dy[[YUA, YUB, YWP]] * [1, 1, dm.l]).max() < 1e-6 * dm.g
+    assert np.abs(dy[[Y.u_a, Y.u_b, Y.w_p]] * [1, 1, dm.l]).max() < 1e-6 * dm.g
 
 
 @pytest.mark.parametrize("k", range(-3, 4))
@@ -456,8 +443,8 @@ def test_two_ends_beyond_their_limits_set_out_in_the_direction_of_their_rates(se
 
 def slip_at_contact(dm, y, i):
     """Slip of end i, or its rate, of a contact state with both ends down and p1 leading."""
-    apart = dm.l * dm.cos_0 * (dm.cos_0 * y[YWP] + dm.sin_0 * y[YS])
-    return np.array([y[YUA], y[YUB] - (apart if i else 0.0)])
+    apart = dm.l * dm.cos_0 * (dm.cos_0 * y[Y.w_p] + dm.sin_0 * y[Y.spin])
+    return np.array([y[Y.u_a], y[Y.u_b] - (apart if i else 0.0)])
 
 
 def test_a_plate_that_falls_away_is_left():
@@ -489,12 +476,12 @@ def test_two_ends_that_rub_hard_stay_down_only_where_that_is_stable():
     seen = 0
     for _ in range(200):
         y, dy = np.zeros(N_Y), np.zeros(N_Y)
-        y[[YUA, YUB, YWP]] = rng.normal(size=3) * [1e-3, 1e-3, 1e-3 / dm.p2.h]
+        y[[Y.u_a, Y.u_b, Y.w_p]] = rng.normal(size=3) * [1e-3, 1e-3, 1e-3 / dm.p2.h]
         for spin in (0, 1):
-            y[YS] = spin
+            y[Y.spin] = spin
             contact_rates(dm, codes, dm.omega * TIME, y, dy, F[spin])
         apart = F[:, F2] - F[:, F1]
-        y[YS] = apart[0] / (apart[0] - apart[1])
+        y[Y.spin] = apart[0] / (apart[0] - apart[1])
         kernel_state(dm, codes, y, state)
         answer, modes, y, dy, force = chosen(dm, state, (True, True))
         if F[0, COMPLIANCE] > 0:
@@ -505,7 +492,7 @@ def test_two_ends_that_rub_hard_stay_down_only_where_that_is_stable():
         assert FREE in modes
         assert force[COMPLIANCE] > 0
         assert max(force[F1], force[F2]) > 0
-        assert (1 if modes[1] == FREE else -1) * dy[YWB] > 0  # the other end is driven off
+        assert (1 if modes[1] == FREE else -1) * dy[Y.w_b] > 0  # the other end is driven off
     assert seen > 20
 
 
@@ -578,7 +565,7 @@ def test_a_phase_against_a_plain_integration(modes, tol):
     t, event = sustain_contact(dm, codes, y, 0.3, span, tol, 1e-12, False, scratch()[0])
     assert (t, event) == (span, NO_EVENT)
     expected = reference_phase(dm, codes, start, 0.3, span)[:N_PATH]
-    expected[YTIME] = y[YTIME]
+    expected[Y.time] = y[Y.time]
     scale = np.array([1, dm.w_scale, dm.w_scale, 10 * dm.w_scale, dm.v_scale, dm.v_scale, 1, 1, dm.p1.r, dm.p1.r, 10])
     assert (np.abs(y[:N_PATH] - expected) / scale).max() < 20 * tol
 
@@ -607,8 +594,8 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         dy, F = np.zeros(N_Y), np.zeros(N_F)
         contact_rates(dm, codes, dm.omega * t, y, dy, F)
         value = {
-            LANDING: y[YDIP],
-            SLIP_END: hypot(y[YUA], y[YUB]),
+            LANDING: y[Y.dip],
+            SLIP_END: hypot(y[Y.u_a], y[Y.u_b]),
             HOLD_LOST: hold_reserve(dm, codes, 0, F) / (dm.m * dm.g),
             LIFT_OFF: min(F[F1], F[F2]) / (dm.m * dm.g),
         }[event]
@@ -626,7 +613,7 @@ def test_whether_the_path_is_wanted_does_not_change_the_motion(modes):
     told = sustain_contact(dm, codes, y, 0.3, 0.02, 1e-6, 1e-9, True, scratch()[0])
     assert told == sustain_contact_without_path(dm, codes, other, 0.3, 0.02, 1e-6, 1e-9, True, scratch()[0])
     assert (y[:N_CLOSED] == other[:N_CLOSED]).all()
-    assert (y[YX : YX + 2] != other[YX : YX + 2]).all()
+    assert (y[Y.x : Y.x + 2] != other[Y.x : Y.x + 2]).all()
 
 
 @pytest.mark.parametrize("tol", [1e-3, 1e-6, 1e-10])
@@ -662,7 +649,7 @@ def test_slip_beside_an_end_that_sticks_comes_to_rest_on_a_line(tol):
             dm, codes, y, 0.0, dm.period, accuracy, 0.1 * accuracy * dm.v_scale, True, scratch()[0]
         )
         assert event == SLIP_END + 1
-        assert y[YWP] == y[YUB] == 0.0
+        assert y[Y.w_p] == y[Y.u_b] == 0.0
         times.append(t)
     assert times[0] == pytest.approx(times[1], abs=tol * dm.v_scale / (dm.p1.mu * dm.g))
 

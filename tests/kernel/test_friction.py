@@ -5,7 +5,7 @@ from math import cos, hypot, sin
 import numpy as np
 import pytest
 
-from dimersweep.kernel.contact.coordinates import N_Y, YDIP, YS, YUA, YUB, YWB, YWP
+from dimersweep.kernel.contact.coordinates import N_Y, Y
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, N_F
 from dimersweep.kernel.impact.double_equations import N_Z, ZA, ZB1, ZB2, ZX1, ZX2
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
@@ -78,8 +78,8 @@ def test_a_lasting_contact_is_held_by_its_own_coefficient():
 def contact(rng, both):
     """A contact state in the chart by heading."""
     y = np.zeros(N_Y)
-    y[[YDIP, YWB]] = (0.0, 0.0) if both else (rng.uniform(0.05, 1.2), rng.normal())
-    y[[YWP, YS, YUA, YUB]] = rng.normal(size=4) * [3, 40, 0.5, 0.5]
+    y[[Y.dip, Y.w_b]] = (0.0, 0.0) if both else (rng.uniform(0.05, 1.2), rng.normal())
+    y[[Y.w_p, Y.spin, Y.u_a, Y.u_b]] = rng.normal(size=4) * [3, 40, 0.5, 0.5]
     return y
 
 
@@ -90,12 +90,12 @@ def test_the_written_out_contact_of_one_end(seed, mode):
     rng, dm = scene(seed)
     y, dy, F = contact(rng, both=False), np.zeros(N_Y), np.zeros(N_F)
     if mode == STICK:
-        y[[YUA, YUB]] = 0.0
+        y[[Y.u_a, Y.u_b]] = 0.0
     contact_rates(dm, np.array([mode, FREE], float), 0.0, y, dy, F)
-    s, c = sin(y[YDIP]), cos(y[YDIP])
+    s, c = sin(y[Y.dip]), cos(y[Y.dip])
     own = levers(dm, -1.0, s, c)
     _, _, n, a, b = free_rates(dm, -1.0, y, dm.g, s, c)
-    expected = single_forces(dm, mode, delassus(dm, own, own), y[YUA], y[YUB], n, a, b)
+    expected = single_forces(dm, mode, delassus(dm, own, own), y[Y.u_a], y[Y.u_b], n, a, b)
     np.testing.assert_allclose(F[[F1, A1, L1, COMPLIANCE]], expected, rtol=1e-12, atol=1e-14)
 
 
@@ -105,7 +105,7 @@ def test_the_contact_of_two_slipping_ends(seed):
     rng, dm = scene(seed)
     y, dy, F = contact(rng, both=True), np.zeros(N_Y), np.zeros(N_F)
     contact_rates(dm, np.array([SLIP, SLIP], float), 0.0, y, dy, F)
-    slips = [(y[YUA], y[YUB]), (y[YUA], y[YUB] - dm.l * y[YWP])]
+    slips = [(y[Y.u_a], y[Y.u_b]), (y[Y.u_a], y[Y.u_b] - dm.l * y[Y.w_p])]
     friction = np.array(
         [
             slip_force(p.mu, F[k], *(np.array(u) / hypot(*u)))
@@ -115,7 +115,7 @@ def test_the_contact_of_two_slipping_ends(seed):
     np.testing.assert_allclose(F[[A1, L1, L2]], [friction[:, 0].sum(), *friction[:, 1]], rtol=1e-12, atol=1e-14)
     assert F[F1] + F[F2] == pytest.approx(dm.m * dm.g, rel=1e-12)
     moment = dm.p2.h * (F[F1] - F[F2]) - dm.p1.r * F[A1]
-    assert moment == pytest.approx(dm.J_a * y[YS] * y[YWP], rel=1e-11)
+    assert moment == pytest.approx(dm.J_a * y[Y.spin] * y[Y.w_p], rel=1e-11)
 
 
 @seeds

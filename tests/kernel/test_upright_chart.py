@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dimersweep.kernel.contact.coordinates import N_Y, UPRIGHT, YCHART, YDIP, YGAMMA, YTIME, YUA, YX, YY
+from dimersweep.kernel.contact.coordinates import N_Y, UPRIGHT, Y
 from dimersweep.kernel.contact.forces import COMPLIANCE, N_F
 from dimersweep.kernel.model.layout import CA, CB, DIP, FREE, GAMMA, N_STATE, SLIP, SPIN, STICK, THETA, WB, WP, X1, Y1
 from tests.checks.verbs import contact_rates, contact_state, contact_velocity, dimer, kernel_state
@@ -29,8 +29,8 @@ def by_heading(dm, i, state):
     """The contact state in the chart by heading, which `contact_state` leaves there."""
     y = np.zeros(N_Y)
     _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
-    y[: YUA + 2] = *state[[DIP, WB, WP, SPIN]], a, b
-    y[[YX - 2, YX, YY, YGAMMA]] = state[[THETA, X1, Y1, GAMMA]]
+    y[: Y.u_a + 2] = *state[[DIP, WB, WP, SPIN]], a, b
+    y[[Y.x - 2, Y.x, Y.y, Y.gamma]] = state[[THETA, X1, Y1, GAMMA]]
     return y
 
 
@@ -54,9 +54,9 @@ def test_both_charts_give_a_rod_the_same_rates_and_forces(seed, i, mode):
     state = steep(dm, i, mode, seed)
     heading, upright = by_heading(dm, i, state), np.zeros(N_Y)
     contact_state(dm, state, -1.0 if i == 0 else 1.0, upright)
-    assert upright[YCHART] == UPRIGHT != heading[YCHART]
+    assert upright[Y.chart] == UPRIGHT != heading[Y.chart]
     expected, found = (change_of(dm, modes, y, 1e-6) for y in (heading, upright))
     for one, other in zip(expected, found, strict=True):
         scale = np.abs(one).max()
         np.testing.assert_allclose(other, one, rtol=1e-6, atol=1e-7 * scale)
-    assert YDIP < YTIME < YX
+    assert Y.dip < Y.time < Y.x

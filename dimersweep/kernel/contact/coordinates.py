@@ -1,16 +1,14 @@
 """The state of a contact phase in two charts: by the heading of the rod, and by its axis where it stands so steeply that
 the heading turns too fast, or has no meaning.
 
-By heading: y = (dip above level, beta', theta' cos(beta), spin, u_a, u_b, theta, t, x1, y1, gamma), u the slip of the leading
-end (p1 if it is closed, else p2), so that slow slip keeps its relative precision and sticking is u = 0; t counts from the
-start of a step. Upright: everything horizontal is measured along two fixed axes, those of the heading when the chart was
-entered: y = (k_a, k_a', k_b', spin, u_a, u_b, k_b, t, x_b, x_a, chi), k the axis from p1 to p2 and chi = gamma +- theta, which
-stay regular at the vertical. Both have the slip in the same slots, and the same tolerances suit both.
-
-Behind them stand the works of the contact forces since the phase began (``works``), where these are wanted.
+By heading the slip of the leading end (p1 if it is closed, else p2) stands in the state, so that slow slip keeps its relative
+precision and sticking is u = 0. Upright everything horizontal is measured along two fixed axes, those of the heading when the
+chart was entered: the axis k from p1 to p2 and chi = gamma +- theta stay regular at the vertical. Both have the slip in the
+same slots, and the same tolerances suit both.
 """
 
 from math import sqrt
+from typing import NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import (
@@ -46,13 +44,37 @@ from dimersweep.kernel.model.works import N_CONTACT_WORK
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import sincos
 
-YDIP, YWB, YWP, YS, YUA, YUB, YTHETA, YTIME, YX, YY, YGAMMA = range(11)
-KA, KDA, KDB, _, _, _, KB = range(7)  # of the upright chart, where they differ in meaning
-YWORK = 11  # the first of the works, in the order of `model.works`
-# entries without the path, with it, and with the works
-N_CLOSED, N_PATH, N_WORKED = 8, 11, YWORK + N_CONTACT_WORK
-YCHART, YAXES = N_WORKED, N_WORKED + 1  # constants of a phase: the chart, and theta of its axes
+N_CLOSED, N_PATH = 8, 11  # entries without the path, and with it
+N_WORKED = N_PATH + N_CONTACT_WORK  # and with the works
 N_Y = N_WORKED + 2
+
+
+class Slots(NamedTuple):
+    """What stands where in a contact state."""
+
+    dip: int = 0  # above level
+    w_b: int = 1  # beta'
+    w_p: int = 2  # theta' cos(beta)
+    spin: int = 3
+    u_a: int = 4  # slip of the leading end
+    u_b: int = 5
+    theta: int = 6
+    time: int = 7  # since the start of a step
+    x: int = 8  # x1, y1 and gamma; upright, the place along b and a, and chi
+    y: int = 9
+    gamma: int = 10
+    work: int = (
+        N_PATH  # the first of the works of the contact forces since the phase began, in the order of `model.works`
+    )
+    chart: int = N_WORKED  # BY_HEADING or UPRIGHT, and theta of the axes of that chart: the same throughout a phase
+    axes: int = N_WORKED + 1
+    k_a: int = 0  # upright, in place of the dip, the rates and theta
+    dk_a: int = 1
+    dk_b: int = 2
+    k_b: int = 6
+
+
+Y = Slots()
 BY_HEADING, UPRIGHT = 0.0, 1.0
 STEEP = 1.47  # dip beyond which the upright chart is taken [rad]
 LEANS = 0.15  # cosine of the dip from which it is left
@@ -70,13 +92,13 @@ def contact_state(dm, state, i, y):
     p = end(dm, i)
     sin_b, cos_b = attitude(dm, state[DIP])
     lv = levers(p, sin_b, cos_b)
-    y[YDIP], y[YWB], y[YWP], y[YS] = state[DIP], state[WB], state[WP], state[SPIN]
-    y[YUA] = state[CA] + lv.a * state[WB]
-    y[YUB] = state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
-    y[YTHETA], y[YX], y[YY], y[YGAMMA] = state[THETA], state[X1], state[Y1], state[GAMMA]
-    y[YTIME] = 0.0
-    y[YCHART], y[YAXES] = BY_HEADING, 0.0
-    if abs(dm.beta_0 + y[YDIP]) > STEEP:
+    y[Y.dip], y[Y.w_b], y[Y.w_p], y[Y.spin] = state[DIP], state[WB], state[WP], state[SPIN]
+    y[Y.u_a] = state[CA] + lv.a * state[WB]
+    y[Y.u_b] = state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
+    y[Y.theta], y[Y.x], y[Y.y], y[Y.gamma] = state[THETA], state[X1], state[Y1], state[GAMMA]
+    y[Y.time] = 0.0
+    y[Y.chart], y[Y.axes] = BY_HEADING, 0.0
+    if abs(dm.beta_0 + y[Y.dip]) > STEEP:
         change_chart(dm, p.s, y)
 
 
@@ -87,9 +109,9 @@ def kernel_state(dm, modes, y, state):
     dip, w_b, w_p, u_a, u_b, theta, x, y_1, gamma = by_heading(dm, p.s, y)
     sin_b, cos_b = attitude(dm, dip)
     lv = levers(p, sin_b, cos_b)
-    state[DIP], state[WB], state[WP], state[SPIN] = dip, w_b, w_p, y[YS]
+    state[DIP], state[WB], state[WP], state[SPIN] = dip, w_b, w_p, y[Y.spin]
     state[CA] = u_a - lv.a * w_b
-    state[CB] = u_b - lv.b * w_p - lv.c * y[YS]
+    state[CB] = u_b - lv.b * w_p - lv.c * y[Y.spin]
     state[THETA], state[X1], state[Y1], state[GAMMA] = theta, x, y_1, gamma
     gap, rate = dm.l * lift(dm, dip), dm.l * cos_b * w_b
     state[D1] = 0.0 if modes[0] != FREE else -gap
@@ -102,8 +124,8 @@ def kernel_state(dm, modes, y, state):
 def slip_of(dm, modes, y, i):
     """Axial and lateral slip of end i (0 or 1), which is closed."""
     if i == 0 or modes[0] == FREE:
-        return y[YUA], y[YUB]
-    return y[YUA], y[YUB] - apart_sideways(dm, y[YWP], y[YS])
+        return y[Y.u_a], y[Y.u_b]
+    return y[Y.u_a], y[Y.u_b] - apart_sideways(dm, y[Y.w_p], y[Y.spin])
 
 
 @compiled
@@ -113,9 +135,9 @@ def put_slip(dm, modes, y, i, a, b):
     An end that sticks beside it does so still; of one that slips the lateral slip changes as it would by an impulse at end i.
     """
     if modes[0] == FREE or modes[1] == FREE:
-        y[YUA], y[YUB] = a, b
+        y[Y.u_a], y[Y.u_b] = a, b
         return
-    b_1, b_2 = y[YUB], y[YUB] - apart_sideways(dm, y[YWP], y[YS])
+    b_1, b_2 = y[Y.u_b], y[Y.u_b] - apart_sideways(dm, y[Y.w_p], y[Y.spin])
     if i == 0:
         b_2 = 0.0 if modes[1] == STICK else b_2 + dm.pair.bb_12 / dm.pair.bb_1 * (b - b_1)
         put_slips(dm, y, a, b, b_2)
@@ -127,7 +149,7 @@ def put_slip(dm, modes, y, i, a, b):
 @compiled
 def put_slips(dm, y, a, b_1, b_2):
     """Write the slips of both ends, which are closed: the axial one a, the lateral ones b_1, b_2; the spin stays."""
-    y[YUA], y[YUB], y[YWP] = a, b_1, turn_of_pair(dm, b_1 - b_2, y[YS])
+    y[Y.u_a], y[Y.u_b], y[Y.w_p] = a, b_1, turn_of_pair(dm, b_1 - b_2, y[Y.spin])
 
 
 @compiled
@@ -142,25 +164,25 @@ def give_impulses(dm, modes, y, u_b, w_p):
     u_b, w_p : float
         Lateral slip of the leading end and theta' cos(beta) before.
     """
-    b = y[YUB]
+    b = y[Y.u_b]
     if modes[0] != FREE and modes[1] != FREE:
-        apart = apart_sideways(dm, y[YWP], y[YS])
-        B_1, B_2 = lateral_impulses(dm, dm.m * (b - u_b), dm.m * (b - apart - u_b + apart_sideways(dm, w_p, y[YS])))
+        apart = apart_sideways(dm, y[Y.w_p], y[Y.spin])
+        B_1, B_2 = lateral_impulses(dm, dm.m * (b - u_b), dm.m * (b - apart - u_b + apart_sideways(dm, w_p, y[Y.spin])))
         p, q = level_levers(dm)
-        y[YS] += (p.c * B_1 + q.c * B_2) * dm.ia
-        y[YWP] = turn_of_pair(dm, apart, y[YS])
-    elif y[YCHART] == BY_HEADING:
-        sin_b, cos_b = attitude(dm, y[YDIP])
+        y[Y.spin] += (p.c * B_1 + q.c * B_2) * dm.ia
+        y[Y.w_p] = turn_of_pair(dm, apart, y[Y.spin])
+    elif y[Y.chart] == BY_HEADING:
+        sin_b, cos_b = attitude(dm, y[Y.dip])
         lv = levers(end(dm, leading(modes)), sin_b, cos_b)
         impulse = (b - u_b) / delassus(dm, lv, lv).bb
-        y[YWP] = w_p + lv.b * dm.it * impulse
-        y[YS] += lv.c * dm.ia * impulse
+        y[Y.w_p] = w_p + lv.b * dm.it * impulse
+        y[Y.spin] += lv.c * dm.ia * impulse
 
 
 @compiled
 def set_slip(dm, modes, y, i, a, b):
     """Give end i, which is closed, the slip (a, b), across the axis by an impulse there."""
-    u_b, w_p = y[YUB], y[YWP]
+    u_b, w_p = y[Y.u_b], y[Y.w_p]
     put_slip(dm, modes, y, i, a, b)
     give_impulses(dm, modes, y, u_b, w_p)
 
@@ -174,10 +196,10 @@ def axis(s, y):
     k_n, k_n', cos(beta), c, d : float
         c, d are the components of the heading along the axes a, b of the chart.
     """
-    cos_b = length(y[KA], y[KB])
+    cos_b = length(y[Y.k_a], y[Y.k_b])
     k_n = -s * sqrt(max(0.0, 1.0 - cos_b * cos_b))
-    c, d = (y[KA] / cos_b, y[KB] / cos_b) if cos_b > 0.0 else (1.0, 0.0)
-    return k_n, -(y[KA] * y[KDA] + y[KB] * y[KDB]) / k_n, cos_b, c, d
+    c, d = (y[Y.k_a] / cos_b, y[Y.k_b] / cos_b) if cos_b > 0.0 else (1.0, 0.0)
+    return k_n, -(y[Y.k_a] * y[Y.dk_a] + y[Y.k_b] * y[Y.dk_b]) / k_n, cos_b, c, d
 
 
 @compiled
@@ -186,47 +208,47 @@ def by_heading(dm, s, y):
 
     Whole turns of theta about the vertical are not counted in the upright chart.
     """
-    if y[YCHART] == BY_HEADING:
-        return y[YDIP], y[YWB], y[YWP], y[YUA], y[YUB], y[YTHETA], y[YX], y[YY], y[YGAMMA]
+    if y[Y.chart] == BY_HEADING:
+        return y[Y.dip], y[Y.w_b], y[Y.w_p], y[Y.u_a], y[Y.u_b], y[Y.theta], y[Y.x], y[Y.y], y[Y.gamma]
     k_n, _, cos_b, c, d = axis(s, y)
-    w_b = -(y[KDA] * c + y[KDB] * d) / k_n
-    w_p = y[KDA] * d - y[KDB] * c
+    w_b = -(y[Y.dk_a] * c + y[Y.dk_b] * d) / k_n
+    w_p = y[Y.dk_a] * d - y[Y.dk_b] * c
     turn = atan2(-d, c)
-    sin_0, cos_0 = sincos(y[YAXES])
-    x, y_1 = y[YX] * cos_0 - y[YY] * sin_0, y[YX] * sin_0 + y[YY] * cos_0
-    theta = y[YAXES] + turn
-    gamma = y[YGAMMA] + s * theta
+    sin_0, cos_0 = sincos(y[Y.axes])
+    x, y_1 = y[Y.x] * cos_0 - y[Y.y] * sin_0, y[Y.x] * sin_0 + y[Y.y] * cos_0
+    theta = y[Y.axes] + turn
+    gamma = y[Y.gamma] + s * theta
     dip = atan2(k_n, cos_b) - dm.beta_0
-    return dip, w_b, w_p, y[YUA] * c + y[YUB] * d, y[YUB] * c - y[YUA] * d, theta, x, y_1, gamma
+    return dip, w_b, w_p, y[Y.u_a] * c + y[Y.u_b] * d, y[Y.u_b] * c - y[Y.u_a] * d, theta, x, y_1, gamma
 
 
 @compiled
 def change_chart(dm, s, y):
     """Write a contact state in the other chart, in place."""
     dip, w_b, w_p, u_a, u_b, theta, x, y_1, gamma = by_heading(dm, s, y)
-    y[YUA], y[YUB] = u_a, u_b
-    if y[YCHART] == UPRIGHT:
-        y[YDIP], y[YWB], y[YWP], y[YTHETA] = dip, w_b, w_p, theta
-        y[YX], y[YY], y[YGAMMA] = x, y_1, gamma
-        y[YCHART] = BY_HEADING
+    y[Y.u_a], y[Y.u_b] = u_a, u_b
+    if y[Y.chart] == UPRIGHT:
+        y[Y.dip], y[Y.w_b], y[Y.w_p], y[Y.theta] = dip, w_b, w_p, theta
+        y[Y.x], y[Y.y], y[Y.gamma] = x, y_1, gamma
+        y[Y.chart] = BY_HEADING
         return
     sin_0, cos_0 = sincos(theta)
     sin_b, cos_b = attitude(dm, dip)
-    y[KA], y[KB], y[KDA], y[KDB] = cos_b, 0.0, -sin_b * w_b, -w_p
-    y[YX], y[YY] = x * cos_0 + y_1 * sin_0, y_1 * cos_0 - x * sin_0
-    y[YGAMMA] = gamma - s * theta
-    y[YCHART], y[YAXES] = UPRIGHT, theta
+    y[Y.k_a], y[Y.k_b], y[Y.dk_a], y[Y.dk_b] = cos_b, 0.0, -sin_b * w_b, -w_p
+    y[Y.x], y[Y.y] = x * cos_0 + y_1 * sin_0, y_1 * cos_0 - x * sin_0
+    y[Y.gamma] = gamma - s * theta
+    y[Y.chart], y[Y.axes] = UPRIGHT, theta
 
 
 @compiled
 def to_border(dm, y):
     """Positive while a contact state is well described in its chart."""
-    if y[YCHART] == BY_HEADING:
-        return STEEP - abs(dm.beta_0 + y[YDIP])
-    return LEANS * LEANS - (y[KA] * y[KA] + y[KB] * y[KB])
+    if y[Y.chart] == BY_HEADING:
+        return STEEP - abs(dm.beta_0 + y[Y.dip])
+    return LEANS * LEANS - (y[Y.k_a] * y[Y.k_a] + y[Y.k_b] * y[Y.k_b])
 
 
 @compiled
 def same_chart(y, other):
     """Mark a state as one in the chart of y."""
-    other[YCHART], other[YAXES] = y[YCHART], y[YAXES]
+    other[Y.chart], other[Y.axes] = y[Y.chart], y[Y.axes]

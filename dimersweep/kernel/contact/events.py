@@ -8,17 +8,7 @@ from math import inf, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import (
-    UPRIGHT,
-    YCHART,
-    YDIP,
-    YS,
-    YWB,
-    YWP,
-    set_slip,
-    slip_of,
-    to_border,
-)
+from dimersweep.kernel.contact.coordinates import N_PATH, UPRIGHT, Y, slip_of, to_border
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, hold_reserve
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import tempo
@@ -76,13 +66,14 @@ def needs_forces(event):
 
 
 @compiled(inline=True)
-def event_function(dm, modes, k, base, y, F, slip_tol):
+def event_function(p, k, y, F):
     """Event function k, positive while the phase goes on; inf where it has no meaning; in units in which all compare.
 
     Normal force of an end, times the compliance (at a jam the force is infinite, and only at a lift-off the product is
-    zero); reserve of the friction that holds it; its slip along the direction it had at `base`; the other end's
-    height (the dip, which opens its gap); what is left to the border of the chart; the compliance.
+    zero); reserve of the friction that holds it; its slip along the direction it had at the start of the step; the other
+    end's height (the dip, which opens its gap); what is left to the border of the chart; the compliance.
     """
+    dm, modes = p.dm, p.modes
     if k == JAM:
         return F[COMPLIANCE]
     if k == LANDING or k == LEAVES_CHART:
@@ -98,55 +89,53 @@ def event_function(dm, modes, k, base, y, F, slip_tol):
         return hold_reserve(dm, modes, i, F) / (dm.m * dm.g) if modes[i] == STICK else inf
     if modes[i] != SLIP:
         return inf
-    a0, b0 = slip_of(dm, modes, base, i)
+    a0, b0 = slip_of(dm, modes, p.b.start.y, i)
     a, b = slip_of(dm, modes, y, i)
-    return ((a * a0 + b * b0) / length(a0, b0) - slip_tol) / dm.v_scale
+    return ((a * a0 + b * b0) / length(a0, b0) - p.slip_tol) / dm.v_scale
 
 
 @compiled(inline=True)
 def height_of_open_end(modes, y):
     """The dip, positive where it opens the gap of the end that is not closed; inf in the upright chart."""
-    if y[YCHART] == UPRIGHT:
+    if y[Y.chart] == UPRIGHT:
         return inf
-    return y[YDIP] if modes[0] != FREE else -y[YDIP]
+    return y[Y.dip] if modes[0] != FREE else -y[Y.dip]
 
 
 class ContactEvents(NamedTuple):
     """A contact state in which the event functions are asked for."""
 
-    dm: Any
-    modes: Any
-    base: Any  # the state at the start of the step
+    p: Any  # the phase
     y: Any
     F: Any
-    slip_tol: float
     values: Any  # what they are is written there
 
 
 @compiled(inline=True)
 def noted_value(at, k):
     """Event function k, which is noted."""
-    at.values[k] = event_function(at.dm, at.modes, k, at.base, at.y, at.F, at.slip_tol)
+    at.values[k] = event_function(at.p, k, at.y, at.F)
     return at.values[k]
 
 
+@compiled
+def least_value(p, at, values):
+    """Least of the armed event functions at a moment and its number (inf, -1 if none is armed); all of them into `values`."""
+    return least_armed(noted_value, ContactEvents(p, at.y, at.F, values), p.b.armed, N_CONTACT_EVENTS)
+
+
+@compiled
+def arm_events(p, values):
+    """Arm the event functions of the ends that have become positive at the start of a step; they are written into `values`."""
+    arm(noted_value, ContactEvents(p, p.b.start.y, p.b.start.F, values), p.b.armed, LANDING + 1)
+
+
 @compiled(inline=True)
-def value_with_meaning(at, k):
-    """Event function k, which is noted; 0.0 where it has no meaning."""
-    value = noted_value(at, k)
-    return value if value < inf else 0.0
-
-
-@compiled
-def least_value(dm, modes, armed, base, y, F, slip_tol, values):
-    """Least of the armed event functions and its number (inf and -1 if none is armed); all of them into `values`."""
-    return least_armed(noted_value, ContactEvents(dm, modes, base, y, F, slip_tol, values), armed, N_CONTACT_EVENTS)
-
-
-@compiled
-def arm_events(dm, modes, armed, y, F, slip_tol, values):
-    """Arm the event functions of the ends that have become positive; they are written into `values`."""
-    arm(value_with_meaning, ContactEvents(dm, modes, y, y, F, slip_tol, values), armed, LANDING + 1)
+def change_of_slip(dm, modes, y, dy, i):
+    """Speed of the slip of end i; its rate along itself and across, both times that speed."""
+    a, b = slip_of(dm, modes, y, i)
+    d_a, d_b = slip_of(dm, modes, dy, i)
+    return length(a, b), a * d_a + b * d_b, a * d_b - b * d_a
 
 
 @compiled
@@ -160,11 +149,9 @@ def slip_speed(dm, modes, y, dy):
         return least, rate
     for i in range(2):
         if modes[i] == SLIP:
-            a, b = slip_of(dm, modes, y, i)
-            d_a, d_b = slip_of(dm, modes, dy, i)
-            v = length(a, b)
+            v, along, _ = change_of_slip(dm, modes, y, dy, i)
             if v < least:
-                least, rate = v, (a * d_a + b * d_b) / v
+                least, rate = v, along / v
     return least, rate
 
 
@@ -174,9 +161,7 @@ def slip_limit(dm, modes, y, dy):
     h = inf
     for i in range(2):
         if modes[i] == SLIP:
-            a, b = slip_of(dm, modes, y, i)
-            d_a, d_b = slip_of(dm, modes, dy, i)
-            v, along = length(a, b), a * d_a + b * d_b
+            v, along, _ = change_of_slip(dm, modes, y, dy, i)
             if along < 0.0:
                 h = min(h, -v / (along / v))
     return h
@@ -185,50 +170,42 @@ def slip_limit(dm, modes, y, dy):
 @compiled
 def motion_rate(dm, y):
     """Rate at which the motion changes [rad/s]: that of the plate, or of the falling and turning rod."""
-    return max(tempo(dm), dm.w_scale + abs(y[YWB]) + abs(y[YWP]) + dm.J_a * dm.it * abs(y[YS]))
+    return max(tempo(dm), dm.w_scale + abs(y[Y.w_b]) + abs(y[Y.w_p]) + dm.J_a * dm.it * abs(y[Y.spin]))
 
 
 @compiled
-def brief(dm, y, tol):
-    """Time over which a straight line is as good as the tolerance [s]: its error is quadratic."""
-    return 0.6 * sqrt(tol) / motion_rate(dm, y)
-
-
-@compiled
-def slip_about_to_end(dm, modes, y, dy, span, tol, slip_tol):
+def slip_about_to_end(p, span):
     """Number of a slipping end that comes to rest along a straight line within a brief time, at most `span`; -1 if none does.
 
     Its slip and the change of its slip must be parallel to the tolerance; within a tolerance of rest slowing down will do.
+    Brief is a time over which a straight line is as good as the tolerance: its error is quadratic.
     """
+    dm, y = p.dm, p.b.start.y
     for i in range(2):
-        if modes[i] == SLIP:
-            a, b = slip_of(dm, modes, y, i)
-            d_a, d_b = slip_of(dm, modes, dy, i)
-            v, along = length(a, b), a * d_a + b * d_b
+        if p.modes[i] == SLIP:
+            v, along, turning = change_of_slip(dm, p.modes, y, p.b.start.dy, i)
             if along < 0.0:
-                across = abs(a * d_b - b * d_a) * v / -along
+                across = abs(turning) * v / -along
                 time = v * v / -along
-                straight = time <= brief(dm, y, tol) and across <= 0.5 * tol * dm.v_scale
-                if time <= span and (v <= UNSURE_SLIP * slip_tol or straight):
+                straight = time <= 0.6 * sqrt(p.tol) / motion_rate(dm, y) and across <= 0.5 * p.tol * dm.v_scale
+                if time <= span and (v <= UNSURE_SLIP * p.slip_tol or straight):
                     return i
     return -1
 
 
 @compiled
-def carry(y, dy, t, n):
-    """Carry a state on at its present rates; the dip at its present acceleration, or the smallest hops would gain energy."""
-    y[YDIP] += 0.5 * t * t * dy[YWB]
-    for k in range(n):
-        y[k] += t * dy[k]
+def time_to_slip_end(p, i):
+    """Time in which end i comes to rest along a straight line; none for a slip that counts as none."""
+    a, b = slip_of(p.dm, p.modes, p.b.start.y, i)
+    d_a, d_b = slip_of(p.dm, p.modes, p.b.start.dy, i)
+    v2 = a * a + b * b
+    return -v2 / (a * d_a + b * d_b) if v2 > p.slip_tol * p.slip_tol else 0.0
 
 
 @compiled
-def run_to_slip_end(dm, modes, y, dy, i, slip_tol, n):
-    """Carry the state along a straight line to where end i is at rest; returns the time it takes."""
-    a, b = slip_of(dm, modes, y, i)
-    d_a, d_b = slip_of(dm, modes, dy, i)
-    v2 = a * a + b * b
-    t = -v2 / (a * d_a + b * d_b) if v2 > slip_tol * slip_tol else 0.0
-    carry(y, dy, t, n)
-    set_slip(dm, modes, y, i, 0.0, 0.0)
-    return t
+def carry(p, t):
+    """Carry the state on at its present rates; the dip at its present acceleration, or the smallest hops would gain energy."""
+    y, dy = p.b.start.y, p.b.start.dy
+    y[Y.dip] += 0.5 * t * t * dy[Y.w_b]
+    for k in range(min(p.n, N_PATH)):
+        y[k] += t * dy[k]

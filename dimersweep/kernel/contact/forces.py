@@ -3,35 +3,21 @@
 These are the accelerations of (2), written for the contact point and the spin. The normal forces are those with which (1),
 differentiated once more, gives no acceleration of the gap: (3) at an end that stays closed. The tangential ones follow from
 (4): a slipping end has the friction of its direction, and one that sticks that with which its tangential acceleration is zero.
+
+Their powers are the rates of the works that ride along where they are wanted.
 """
 
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import (
-    UPRIGHT,
-    YAXES,
-    YCHART,
-    YDIP,
-    YGAMMA,
-    YS,
-    YTHETA,
-    YTIME,
-    YUA,
-    YUB,
-    YWB,
-    YWP,
-    YX,
-    YY,
-    leading,
-    slip_of,
-)
+from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, UPRIGHT, Y, leading, slip_of
 from dimersweep.kernel.contact.steep_rod import upright_rates
 from dimersweep.kernel.model.body import attitude, end, level_levers, levers
 from dimersweep.kernel.model.friction import direction, hold_left, hold_left_of_pair, slip_force
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
-from dimersweep.kernel.model.plate import acceleration_along, effective_gravity
+from dimersweep.kernel.model.plate import acceleration_along, effective_gravity, plate_rate, velocity_along
+from dimersweep.kernel.model.works import ALONG, PLATE_1, PLATE_2, SLIP_1
 from dimersweep.kernel.numerics.sincos import sincos
 
 # forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones);
@@ -40,35 +26,91 @@ F1, A1, L1, F2, A2, L2, COMPLIANCE = range(7)
 N_F = 7
 
 
+class Contact(NamedTuple):
+    """Ends that touch the plate at a moment: how they rest there, and what follows. All arrays are modified in place."""
+
+    modes: Any  # friction modes of the ends, shape (2,)
+    phase: float  # of the plate [rad]
+    y: Any  # contact state, shape (N_Y,), and its rates
+    dy: Any
+    F: Any  # forces [N], and the compliance [1/m], shape (N_F,)
+    slip_tol: float  # slip that counts as none [m/s]
+
+
+class Moment(NamedTuple):
+    """A contact state within a phase, its rates, and the forces."""
+
+    y: Any
+    dy: Any
+    F: Any
+
+
+class Pull(NamedTuple):
+    """What pulls at the body relative to the plate, down and along its heading and across it [m s-2]."""
+
+    down: float
+    a: float
+    b: float
+
+
+class Rod(NamedTuple):
+    """How the dimer lies and moves in contact, by its heading."""
+
+    sin_b: float
+    cos_b: float
+    w_b: float
+    w_p: float
+    spin: float
+    u_a: float
+    u_b: float
+    theta: float
+
+
+@compiled(inline=True)
+def rod_of(y, sin_b, cos_b):
+    """The dimer in a contact state by heading, at a dip angle."""
+    return Rod(sin_b, cos_b, y[Y.w_b], y[Y.w_p], y[Y.spin], y[Y.u_a], y[Y.u_b], y[Y.theta])
+
+
+@compiled(inline=True)
+def pull_at(dm, phase, theta):
+    """What pulls at the body at a phase of the plate and a heading."""
+    a, b = acceleration_along(dm, phase, theta) if dm.sideways != 0.0 else (0.0, 0.0)
+    return Pull(effective_gravity(dm, phase), a, b)
+
+
+# --- both ends ----------------------------------------------------------------------------------------------------------
+
+
 @compiled
-def free_rates(dm, p, y, g_e, A_a, A_b, sin_b, cos_b):
+def free_rates(dm, p, rod, pull):
     """Rates by (2) without contact forces, h + Q of (A.5) and (A.6), over the plate.
 
     They are those of (beta', theta' cos(beta)), and of the (n, a, b) velocities of the leading end p: (1) differentiated.
     """
-    w_b, w_p, spin = y[YWB], y[YWP], y[YS]
+    sin_b, cos_b, w_b, w_p, spin, u_a, u_b, _ = rod
     lv = levers(p, sin_b, cos_b)
     turn = w_p / cos_b
     axial = dm.J_a * dm.it * spin - sin_b * turn
     d_wb, d_wp = axial * w_p, -axial * w_b
-    c_a = y[YUA] - lv.a * w_b
-    c_b = y[YUB] - lv.b * w_p - lv.c * spin
-    n = -g_e + lv.n * d_wb - p.h * sin_b * w_b * w_b
-    a = A_a - turn * c_b + lv.a * d_wb - p.h * cos_b * w_b * w_b
-    b = A_b + turn * c_a + lv.b * d_wp + p.r * w_b * (cos_b * w_p + sin_b * spin)
+    c_a = u_a - lv.a * w_b
+    c_b = u_b - lv.b * w_p - lv.c * spin
+    n = -pull.down + lv.n * d_wb - p.h * sin_b * w_b * w_b
+    a = pull.a - turn * c_b + lv.a * d_wb - p.h * cos_b * w_b * w_b
+    b = pull.b + turn * c_a + lv.b * d_wp + p.r * w_b * (cos_b * w_p + sin_b * spin)
     return d_wb, d_wp, n, a, b
 
 
 @compiled
-def double_forces(dm, modes, y, n_1, n_2, a, b, F):
+def double_forces(dm, modes, y, free, F):
     """Forces at both ends into F, the axial ones as their sum in F[A1], from the rates without them.
 
-    These are the gap rates n_1, n_2, the axial rate a, and the lateral rate b of both.
+    `free` are the gap rates of p1 and p2, and the axial and the lateral rate of both.
 
     No end is to move off the plate or into it: with (2) and (1) two equations for the normal forces, in which the axial
     friction of (4), A = A_0 + A_1 F_1 + A_2 F_2, takes part.
     """
-    w, n_1, n_2, a, b = dm.pair, dm.m * n_1, dm.m * n_2, dm.m * a, dm.m * b
+    w, n_1, n_2, a, b = dm.pair, dm.m * free[0], dm.m * free[1], dm.m * free[2], dm.m * free[3]
     c_1, s_1 = direction(*slip_of(dm, modes, y, 0))
     c_2, s_2 = direction(*slip_of(dm, modes, y, 1))
     if modes[0] == STICK or modes[1] == STICK:
@@ -93,6 +135,26 @@ def double_forces(dm, modes, y, n_1, n_2, a, b, F):
         F[L2] = -(b + w.bb_12 * F[L1]) / w.bb_2
 
 
+@compiled
+def double_rates(dm, modes, pull, y, path, dy, F):
+    """Rates of the contact of both ends into dy, and the forces into F."""
+    (p, q), w, rod = level_levers(dm), dm.pair, rod_of(y, dm.sin_0, dm.cos_0)
+    d_wb, _, n_1, a, b = free_rates(dm, dm.p1, rod, pull)
+    double_forces(dm, modes, y, (n_1, n_1 + dm.l * dm.cos_0 * d_wb, a, b), F)
+    dy[Y.dip], dy[Y.w_b] = 0.0, 0.0
+    dy[Y.w_p] = (p.b * F[L1] + q.b * F[L2]) * dm.it
+    dy[Y.spin] = (p.c * F[L1] + q.c * F[L2]) * dm.ia
+    both_slip = modes[0] == SLIP and modes[1] == SLIP
+    dy[Y.u_a] = a + dm.im * (w.na_1 * F[F1] + w.na_2 * F[F2] + w.aa * F[A1]) if both_slip else 0.0
+    dy[Y.u_b] = b + dm.im * (w.bb_1 * F[L1] + w.bb_12 * F[L2]) if modes[0] == SLIP else 0.0
+    dy[Y.theta], dy[Y.time] = y[Y.w_p] / dm.cos_0, 1.0
+    if path:
+        dy[Y.x], dy[Y.y], dy[Y.gamma] = path_rates(dm, dm.p1, rod)
+
+
+# --- one end ------------------------------------------------------------------------------------------------------------
+
+
 class Single(NamedTuple):
     """Rates and forces of a contact of one end, in the chart by heading."""
 
@@ -109,21 +171,22 @@ class Single(NamedTuple):
 
 
 @compiled(inline=True, fuse=True)
-def single_rates(dm, mode, p, g_e, A_a, A_b, sin_b, cos_b, w_b, w_p, spin, u_a, u_b):
-    """Rates and forces of the contact of one end (p, friction mode, slip u): those of ``single_forces``, written out.
+def single_rates(dm, mode, p, rod, pull):
+    """Rates and forces of the contact of one end (p, friction mode): those of ``single_forces``, written out.
 
     With `push` what they add to beta'' the normal acceleration is n + F / m + arm_n push = 0, the axial one a + A / m + arm_a
     push, zero at an end that sticks.
     """
+    sin_b, cos_b, w_b, w_p, spin, u_a, u_b, _ = rod
     h, r, im, it = p.h, p.r, dm.im, dm.it
     arm_n, arm_a, arm_b, arm_c = h * cos_b, r - h * sin_b, r * sin_b - h, -r * cos_b
     turn = w_p / cos_b
     axial = dm.J_a * it * spin - sin_b * turn
     d_wb, d_wp = axial * w_p, -axial * w_b
     swing = h * w_b * w_b
-    n = arm_n * d_wb - sin_b * swing - g_e
-    a = A_a + arm_a * d_wb - cos_b * swing - turn * (u_b - arm_b * w_p - arm_c * spin)
-    b = A_b + arm_b * d_wp + r * w_b * (cos_b * w_p + sin_b * spin) + turn * (u_a - arm_a * w_b)
+    n = arm_n * d_wb - sin_b * swing - pull.down
+    a = pull.a + arm_a * d_wb - cos_b * swing - turn * (u_b - arm_b * w_p - arm_c * spin)
+    b = pull.b + arm_b * d_wp + r * w_b * (cos_b * w_p + sin_b * spin) + turn * (u_a - arm_a * w_b)
     if mode == STICK:
         push = -(arm_n * n + arm_a * a) / (dm.J_t * im + (h * h + r * r - 2.0 * r * h * sin_b))
         F, A = -dm.m * (n + arm_n * push), -dm.m * (a + arm_a * push)
@@ -141,8 +204,17 @@ def single_rates(dm, mode, p, g_e, A_a, A_b, sin_b, cos_b, w_b, w_p, spin, u_a, 
 
 
 @compiled(inline=True)
-def path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta):
+def put_forces(i, normal, axial, lateral, compliance, F):
+    """The forces of the contact of end i alone into F."""
+    for k in range(N_F):
+        F[k] = 0.0
+    F[F1 + 3 * i], F[A1 + 3 * i], F[L1 + 3 * i], F[COMPLIANCE] = normal, axial, lateral, compliance
+
+
+@compiled(inline=True)
+def path_rates(dm, p, rod):
     """Rates of x1, y1 and gamma, with the end p the leading one."""
+    sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta = rod
     away = p.h - dm.p1.h  # from the centre of p1
     v_a = u_a - (p.r - away * sin_b) * w_b
     v_b = u_b - (p.r * sin_b - away) * w_p + p.r * cos_b * spin
@@ -150,66 +222,67 @@ def path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta):
     return v_b * cos_t - v_a * sin_t, v_a * cos_t + v_b * sin_t, spin - w_p / cos_b * sin_b
 
 
-@compiled
-def double_rates(dm, modes, g_e, A_a, A_b, y, path, dy, F):
-    """Rates of the contact of both ends into dy, and the forces into F."""
-    (p, q), w = level_levers(dm), dm.pair
-    d_wb, _, n_1, a, b = free_rates(dm, dm.p1, y, g_e, A_a, A_b, dm.sin_0, dm.cos_0)
-    double_forces(dm, modes, y, n_1, n_1 + dm.l * dm.cos_0 * d_wb, a, b, F)
-    dy[YDIP], dy[YWB] = 0.0, 0.0
-    dy[YWP] = (p.b * F[L1] + q.b * F[L2]) * dm.it
-    dy[YS] = (p.c * F[L1] + q.c * F[L2]) * dm.ia
-    both_slip = modes[0] == SLIP and modes[1] == SLIP
-    dy[YUA] = a + dm.im * (w.na_1 * F[F1] + w.na_2 * F[F2] + w.aa * F[A1]) if both_slip else 0.0
-    dy[YUB] = b + dm.im * (w.bb_1 * F[L1] + w.bb_12 * F[L2]) if modes[0] == SLIP else 0.0
-    dy[YTHETA], dy[YTIME] = y[YWP] / dm.cos_0, 1.0
-    if path:
-        dy[YX], dy[YY], dy[YGAMMA] = path_rates(
-            dm, dm.p1, dm.sin_0, dm.cos_0, 0.0, y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA]
-        )
+# --- any contact --------------------------------------------------------------------------------------------------------
 
 
 @compiled
 def contact_rates(dm, modes, phase, y, path, dy, F):
     """Time derivative of y in a contact phase into dy, and the contact forces into F: (2) with (3) and (4).
 
-    In the upright chart the friction is along the axes of the chart.
-
-    Parameters
-    ----------
-    dm : Dimer
-    modes : float64 array, shape (2,)
-        FREE, STICK or SLIP of p1 and p2, not both FREE.
-    phase : float
-        Plate phase omega t + phi0 [rad].
-    y, dy : float64 array, shape (N_Y,)
-        Contact state and its rate.
-    path : bool
-        Whether the rates of x1, y1 and gamma are wanted.
-    F : float64 array, shape (N_F,)
-        Forces [N]: normal, axial, lateral of p1, then of p2; and the compliance [1/m].
+    In the upright chart the friction is along the axes of the chart. `path` says whether the rates of x1, y1 and gamma are
+    wanted; all else is as in `Contact`.
     """
+    pull = pull_at(dm, phase, y[Y.axes] if y[Y.chart] == UPRIGHT else y[Y.theta])
+    if modes[0] != FREE and modes[1] != FREE:
+        double_rates(dm, modes, pull, y, path, dy, F)
+        return
     i = leading(modes)
     p = end(dm, i)
-    g_e, A_a, A_b = effective_gravity(dm, phase), 0.0, 0.0
-    if dm.sideways != 0.0:
-        A_a, A_b = acceleration_along(dm, phase, y[YAXES] if y[YCHART] == UPRIGHT else y[YTHETA])
-    if modes[0] != FREE and modes[1] != FREE:
-        double_rates(dm, modes, g_e, A_a, A_b, y, path, dy, F)
+    if y[Y.chart] == UPRIGHT:
+        put_forces(i, *upright_rates(dm, modes[i], p, pull, y, path, dy), F)
         return
-    for k in range(N_F):
-        F[k] = 0.0
-    k = 3 * i
-    if y[YCHART] == UPRIGHT:
-        F[COMPLIANCE] = upright_rates(dm, modes[i], p, g_e, A_a, A_b, y, path, dy, F, k)
-        return
-    sin_b, cos_b = attitude(dm, y[YDIP])
-    r = single_rates(dm, modes[i], p, g_e, A_a, A_b, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB])
-    F[F1 + k], F[A1 + k], F[L1 + k], F[COMPLIANCE] = r.F, r.A, r.L, r.compliance
-    dy[YDIP], dy[YWB], dy[YWP], dy[YS], dy[YUA], dy[YUB] = y[YWB], r.w_b, r.w_p, r.spin, r.a, r.b
-    dy[YTHETA], dy[YTIME] = r.turn, 1.0
+    rod = rod_of(y, *attitude(dm, y[Y.dip]))
+    r = single_rates(dm, modes[i], p, rod, pull)
+    put_forces(i, r.F, r.A, r.L, r.compliance, F)
+    dy[Y.dip], dy[Y.w_b], dy[Y.w_p], dy[Y.spin], dy[Y.u_a], dy[Y.u_b] = y[Y.w_b], r.w_b, r.w_p, r.spin, r.a, r.b
+    dy[Y.theta], dy[Y.time] = r.turn, 1.0
     if path:
-        dy[YX], dy[YY], dy[YGAMMA] = path_rates(dm, p, sin_b, cos_b, y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA])
+        dy[Y.x], dy[Y.y], dy[Y.gamma] = path_rates(dm, p, rod)
+
+
+@compiled
+def take_rates(dm, c):
+    """The rates and forces of a contact as it is."""
+    contact_rates(dm, c.modes, c.phase, c.y, False, c.dy, c.F)
+
+
+@compiled(inline=True)
+def phase_rates(p, phase, at):
+    """The rates and forces at a moment of a contact phase, and the powers where works are wanted."""
+    contact_rates(p.dm, p.modes, phase, at.y, p.n > N_CLOSED, at.dy, at.F)
+    if p.n > N_PATH:
+        work_rates(p.dm, p.modes, phase, at.y, at.F, at.dy)
+
+
+@compiled
+def work_rates(dm, modes, phase, y, F, dy):
+    """Powers of the forces F at a contact state, into the places of the works in dy [W]."""
+    rise = plate_rate(dm, phase)
+    dy[Y.work + PLATE_1], dy[Y.work + PLATE_2], dy[Y.work + ALONG] = F[F1] * rise, F[F2] * rise, 0.0
+    if dm.sideways != 0.0:
+        axial, lateral = F[A1] + F[A2], F[L1] + F[L2]
+        v_x, v_y = velocity_along(dm, phase)
+        sin_t, cos_t = sincos(y[Y.axes] if y[Y.chart] == UPRIGHT else y[Y.theta])
+        dy[Y.work + ALONG] = axial * (v_y * cos_t - v_x * sin_t) + lateral * (v_x * cos_t + v_y * sin_t)
+    both_slip = modes[0] == SLIP and modes[1] == SLIP
+    for i in range(2):
+        dy[Y.work + SLIP_1 + i] = 0.0
+        if modes[i] == SLIP:
+            a, b = slip_of(dm, modes, y, i)
+            axial = F[A1 + 3 * i]
+            if both_slip:  # F has the sum of the axial forces
+                axial, _ = slip_force(end(dm, i).mu, F[F1 + 3 * i], *direction(a, b))
+            dy[Y.work + SLIP_1 + i] = axial * a + F[L1 + 3 * i] * b
 
 
 @compiled

@@ -7,12 +7,9 @@ from dimersweep.kernel.contact.coordinates import (
     N_CLOSED,
     N_PATH,
     N_WORKED,
+    N_Y,
     UPRIGHT,
-    YCHART,
-    YDIP,
-    YS,
-    YTIME,
-    YWB,
+    Y,
     change_chart,
     leading,
     set_slip,
@@ -29,26 +26,25 @@ from dimersweep.kernel.contact.events import (
     OUT_OF_STEPS,
     SLIP_END,
     arm_events,
+    carry,
     end_of,
     is_slip_end,
     least_value,
     motion_rate,
-    run_to_slip_end,
     slip_about_to_end,
     slip_limit,
     slip_speed,
+    time_to_slip_end,
 )
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, N_F, contact_rates
 from dimersweep.kernel.contact.location import first_crossing, hidden_dip, low_between
-from dimersweep.kernel.contact.powers import phase_rates
 from dimersweep.kernel.contact.step_control import (
     IMPLICIT,
     PLAIN_METHOD,
     RESCALED,
     TIGHT,
     Phase,
-    set_chart,
-    set_scales,
+    begin_at,
     step_arrays,
     step_to,
     stiffness,
@@ -84,21 +80,10 @@ PAST_LANDING = 1.02  # how far past a landing in sight a step goes
 
 
 @compiled
-def sustain_contact(dm, modes, y, phase, span, path, tol, slip_tol, locate, work):
-    """Integrate a phase of sustained contact, y in place, to its first event, or over `span` seconds.
+def sustain_contact(dm, c, span, path, tol, locate, work):
+    """Integrate a phase of sustained contact, c.y in place, to its first event, or over `span` seconds; see `Phase`.
 
-    Parameters
-    ----------
-    phase : float
-        Plate phase at the start [rad].
-    path : bool
-        Whether x1, y1 and gamma are wanted; they are where works are.
-    tol : float
-        Error per step, in units of the scales of the state.
-    slip_tol : float
-        Slip that counts as none [m/s].
-    locate : bool
-        Whether to look for events (a phase that is sampled again has none inside).
+    `path` says whether x1, y1 and gamma are wanted; they are where works are.
 
     Returns
     -------
@@ -108,117 +93,113 @@ def sustain_contact(dm, modes, y, phase, span, path, tol, slip_tol, locate, work
         NO_EVENT (the span is over), the number of the event (JAM also where no step is short enough), or
         OUT_OF_STEPS, also where the meter of the work array is over.
     """
-    t, n = 0.0, N_PATH if path else N_CLOSED
+    t, n, b, control, bracket = 0.0, N_PATH if path else N_CLOSED, step_arrays(work), work.control[0], work.bracket[0]
     if work.course[0].tally.wanted:
         n = N_WORKED
     for _ in range(MAX_CHARTS):
-        p = Phase(modes, y, phase + dm.omega * t, span - t, tol, slip_tol, n, locate)
-        part, event = sustain_in_chart(dm, p, work)
-        t += part
+        phase = c.phase + dm.omega * t
+        p = Phase(dm, c.modes, phase, span - t, tol, c.slip_tol, n, locate, b, control, bracket, work.meter)
+        event = sustain_in_chart(p, c.y)
+        copy(p.b.start.y, c.y, N_Y)
+        t += p.control.time
         if event != LEAVES_CHART:
             return t, event
-        change_chart(dm, end(dm, leading(modes)).s, y)
+        change_chart(dm, end(dm, leading(c.modes)).s, c.y)
     return t, OUT_OF_STEPS
 
 
 @compiled
-def sustain_in_chart(dm, p, work):
-    """The contact phase to its first event, LEAVES_CHART among them; returns its time and the event."""
-    b = step_arrays(work)
-    begin_phase(dm, p, b)
-    if b.F[COMPLIANCE] <= 0.0:
-        return 0.0, JAM
+def sustain_in_chart(p, y):
+    """The contact phase from y to its first event, LEAVES_CHART among them, which is returned."""
+    begin_phase(p, y)
+    if p.b.start.F[COMPLIANCE] <= 0.0:
+        return JAM
     for _ in range(MAX_PHASE_STEPS):
-        if is_over(b.meter):
+        if is_over(p.meter):
             break
-        event = step_on(dm, p, b)
+        event = step_on(p)
         if event != GOES_ON:
-            return b.control[0].time, event
-    return b.control[0].time, OUT_OF_STEPS
+            return event
+    return OUT_OF_STEPS
 
 
 @compiled(inline=True)
-def begin_phase(dm, p, b):
+def begin_phase(p, y):
     """The rates at the start, the event functions that are positive there, and first guesses of the steps."""
-    modes, y, c = p.modes, p.y, b.control[0]
-    set_scales(dm, p.tol, b.scale)
-    for k in range(N_PATH, p.n):
-        b.scale[k] = c.doubt
-    set_chart(y, b)
-    phase_rates(dm, modes, p.phase, y, p.n, b.dy, b.F)
+    b, c = p.b, p.control
+    begin_at(p, y)
     for k in range(N_CONTACT_EVENTS):
         b.armed[k] = 0.0
-    if modes[0] == FREE or modes[1] == FREE:
+    if p.modes[0] == FREE or p.modes[1] == FREE:
         b.armed[LANDING], b.armed[LEAVES_CHART] = 1.0 if p.locate else 0.0, 1.0
     if p.locate:
-        arm_events(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
-    least_value(dm, modes, b.armed, y, y, b.F, p.slip_tol, b.values[0])
+        arm_events(p, b.values[0])
+    least_value(p, b.start, b.values[0])
     natural = eighth_root(p.tol)
-    c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * dm.period, FIRST_RESCALED * natural
-    if without_force(modes, b.F) >= 0:
-        c.h = FIRST_WITHOUT_FORCE * TWO_PI / motion_rate(dm, y)
+    c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * p.dm.period, FIRST_RESCALED * natural
+    if without_force(p) >= 0:
+        c.h = FIRST_WITHOUT_FORCE * TWO_PI / motion_rate(p.dm, b.start.y)
 
 
 @compiled(inline=True)
-def step_on(dm, p, b):
+def step_on(p):
     """Take one step, or find that it has to be shorter; returns the event that ends the phase, or GOES_ON."""
-    c = b.control[0]
+    c = p.control
     if c.time >= p.span:
         return NO_EVENT
-    begin_step(dm, p, b)
-    event = end_slip_on_line(dm, p, b)
+    begin_step(p)
+    event = end_slip_on_line(p)
     if event != GOES_ON:
         return event
-    choose_step(dm, p, b)
-    error = step_to(dm, p.modes, c.now, c.size, p.n, c.method, c.stiffness, b)
+    choose_step(p)
+    error = step_to(p, c.now, c.size)
     factor = step_factor(error, 8.0)
-    if not error <= 1.0 or (c.method == RESCALED and b.out[YTIME] > p.span - c.time):
-        return shorten(dm, 0.3 if error == inf else min(factor, 0.8), b)
-    least, event = least_after_step(dm, p, b)
-    if may_hide_event(dm, p, least, event, b):
+    if not error <= 1.0 or (c.method == RESCALED and p.b.out.y[Y.time] > p.span - c.time):
+        return shorten(p, 0.3 if error == inf else min(factor, 0.8))
+    least, event = least_after_step(p)
+    if may_hide_event(p, least, event):
         return GOES_ON
     if least <= 0.0:
-        return stop_at_event(dm, p, least, event, b)
-    return accept_step(dm, p, factor, b)
+        return stop_at_event(p, least, event)
+    return accept_step(p, factor)
 
 
 @compiled(inline=True)
-def begin_step(dm, p, b):
+def begin_step(p):
     """What a step starts from, and how stiff its slip is."""
-    y, c = p.y, b.control[0]
-    y[YTIME] = 0.0
-    copy(y, b.start, p.n)
-    c.stiffness = stiffness(dm, p.modes, y, max(b.F[F1], b.F[F2]))
-    c.now = p.phase + dm.omega * c.time
-    c.speed, c.speed_rate = slip_speed(dm, p.modes, y, b.dy)
+    c, start = p.control, p.b.start
+    start.y[Y.time] = 0.0
+    c.stiffness = stiffness(p, max(start.F[F1], start.F[F2]))
+    c.now = p.phase + p.dm.omega * c.time
+    c.speed, c.speed_rate = slip_speed(p.dm, p.modes, start.y, start.dy)
 
 
 @compiled(inline=True)
-def end_slip_on_line(dm, p, b):
+def end_slip_on_line(p):
     """Carry a slip that is about to end along a straight line to its end; returns that event, or GOES_ON."""
-    modes, y, c = p.modes, p.y, b.control[0]
+    c, y = p.control, p.b.start.y
     sets_out = c.time == 0.0 and c.speed <= p.slip_tol  # its mode was chosen: rounding has no say in its rate
-    if p.locate and not sets_out and c.speed < PLAIN_LEAST_TURN * dm.period * c.stiffness:
-        lands = landing_in_sight(modes, y, b.dy) / PAST_LANDING
-        i = slip_about_to_end(dm, modes, y, b.dy, min(lands, p.span - c.time), p.tol, p.slip_tol)
+    if p.locate and not sets_out and c.speed < PLAIN_LEAST_TURN * p.dm.period * c.stiffness:
+        i = slip_about_to_end(p, min(landing_in_sight(p) / PAST_LANDING, p.span - c.time))
         if i >= 0:
-            t = run_to_slip_end(dm, modes, y, b.dy, i, p.slip_tol, p.n)
+            t = time_to_slip_end(p, i)
             if p.n > N_PATH:
-                works_to_slip_end(dm, p, t, b)
+                works_to_slip_end(p, t)
+            carry(p, t)
+            set_slip(p.dm, p.modes, y, i, 0.0, 0.0)
             c.time += t
             return SLIP_END + i
     return GOES_ON
 
 
 @compiled(inline=True)
-def choose_step(dm, p, b):
+def choose_step(p):
     """Choose the method of the next step and its size."""
-    modes, y, c = p.modes, p.y, b.control[0]
+    dm, start, c = p.dm, p.b.start, p.control
     v, gamma, left = c.speed, c.stiffness, p.span - c.time
-    tight = jams_soon(dm, modes, c.now, v, gamma, b)
-    method = method_for(dm, modes, y, v, c.speed_rate, gamma, tight)
+    method = method_for(p, jams_soon(p))
     unended = not p.locate and v <= p.slip_tol  # no event ends it, and rescaled steps would never take it to zero
-    unsure = c.time == 0.0 and without_force(modes, b.F) >= 0  # that step is brief, as c.h says and c.xi does not
+    unsure = c.time == 0.0 and without_force(p) >= 0  # that step is brief, as c.h says and c.xi does not
     if method == RESCALED and (unended or unsure or 2.0 * c.xi * v / gamma > left):
         method = IMPLICIT
     h = min(c.h, LONGEST_STEP * dm.period)
@@ -226,9 +207,9 @@ def choose_step(dm, p, b):
         h = min(h, 0.5 * FIRST_PHASE_STEP * c.natural * dm.period)
     if method != RESCALED:
         slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c.natural)))
-        h = min(h, min(slowing * slip_limit(dm, modes, y, b.dy), landing_in_sight(modes, y, b.dy)))
+        h = min(h, min(slowing * slip_limit(dm, p.modes, start.y, start.dy), landing_in_sight(p)))
     if method == PLAIN_METHOD and gamma > 0.0:
-        h = min(h, PHASE_TURNS * v / max(gamma, stiffness(dm, modes, y, 0.5 * dm.m * dm.g)))
+        h = min(h, PHASE_TURNS * v / max(gamma, stiffness(p, 0.5 * dm.m * dm.g)))
     last = method != RESCALED and h >= left * (1.0 - 1e-12)
     if last:
         h = left
@@ -236,36 +217,40 @@ def choose_step(dm, p, b):
 
 
 @compiled
-def method_for(dm, modes, y, v, rate, gamma, tight):
-    """The method that suits a slip v that changes at a rate, and may jam soon.
+def method_for(p, tight):
+    """The method that suits the slip as it changes, and as it may jam soon.
 
     A fast spin loads one of two slipping ends by J_a spin theta' / l, and what it rubs then brakes theta' at the rate
     mu spin J_a / J_t, which may be stiff.
     """
-    braked = max(dm.p1.mu, dm.p2.mu) * abs(y[YS]) * dm.J_a * dm.it if modes[0] == SLIP and modes[1] == SLIP else 0.0
+    dm, v, gamma, braked = p.dm, p.control.speed, p.control.stiffness, 0.0
+    if p.modes[0] == SLIP and p.modes[1] == SLIP:
+        braked = max(dm.p1.mu, dm.p2.mu) * abs(p.b.start.y[Y.spin]) * dm.J_a * dm.it
     if v >= PLAIN_LEAST_TURN * dm.period * gamma:
         return IMPLICIT if braked * dm.period > BRAKED else PLAIN_METHOD
-    return RESCALED if tight or (rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
+    return RESCALED if tight or (p.control.speed_rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
 
 
 @compiled(inline=True)
-def jams_soon(dm, modes, phase, v, gamma, b):
-    """Whether the compliance falls to zero as fast as the slip v turns."""
-    if b.F[COMPLIANCE] > TIGHT or not 0.0 < v < inf:
+def jams_soon(p):
+    """Whether the compliance falls to zero as fast as the slip turns."""
+    start, probe, v = p.b.start, p.b.probe, p.control.speed
+    if start.F[COMPLIANCE] > TIGHT or not 0.0 < v < inf:
         return False
-    t = SLIGHT * v / gamma
+    t = SLIGHT * v / p.control.stiffness
     for k in range(N_CLOSED):
-        b.probe[k] = b.start[k] + t * b.dy[k]
-    contact_rates(dm, modes, phase + dm.omega * t, b.probe, False, b.dy_probe, b.F_probe)
-    return b.F[COMPLIANCE] - b.F_probe[COMPLIANCE] > SOON * SLIGHT * b.F[COMPLIANCE]
+        probe.y[k] = start.y[k] + t * start.dy[k]
+    contact_rates(p.dm, p.modes, p.control.now + p.dm.omega * t, probe.y, False, probe.dy, probe.F)
+    return start.F[COMPLIANCE] - probe.F[COMPLIANCE] > SOON * SLIGHT * start.F[COMPLIANCE]
 
 
 @compiled
-def landing_in_sight(modes, y, dy):
+def landing_in_sight(p):
     """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
+    modes, y = p.modes, p.b.start.y
     sign = 1.0 if modes[0] != FREE else -1.0
-    gap, rate, fall = sign * y[YDIP], sign * y[YWB], sign * dy[YWB]
-    if (modes[0] != FREE and modes[1] != FREE) or y[YCHART] == UPRIGHT or gap < 0.0:
+    gap, rate, fall = sign * y[Y.dip], sign * y[Y.w_b], sign * p.b.start.dy[Y.w_b]
+    if (modes[0] != FREE and modes[1] != FREE) or y[Y.chart] == UPRIGHT or gap < 0.0:
         return inf
     if gap == 0.0:  # it has just left: a step within its hop
         return -rate / fall if rate > 0.0 and fall < 0.0 else inf
@@ -276,89 +261,90 @@ def landing_in_sight(modes, y, dy):
 
 
 @compiled
-def shorten(dm, factor, b):
+def shorten(p, factor):
     """Shorten the next step; returns JAM if no step is short enough, else GOES_ON."""
-    c = b.control[0]
+    c = p.control
     if c.method == RESCALED:
         c.xi *= factor
         length = c.xi * c.speed / c.stiffness
     else:
         c.h *= factor
         length = c.h
-    return JAM if length < LEAST_STEP * dm.period else GOES_ON
+    return JAM if length < LEAST_STEP * p.dm.period else GOES_ON
 
 
 @compiled(inline=True)
-def least_after_step(dm, p, b):
+def least_after_step(p):
     """Least of the event functions after the step, and its number."""
-    b.armed[JAM] = 1.0 if min(b.F[COMPLIANCE], b.F_out[COMPLIANCE]) < TIGHT else 0.0
-    b.values[0, JAM] = b.F[COMPLIANCE]
-    return least_value(dm, p.modes, b.armed, b.start, b.out, b.F_out, p.slip_tol, b.values[3])
+    b, first = p.b, p.b.start.F[COMPLIANCE]
+    b.armed[JAM] = 1.0 if min(first, b.out.F[COMPLIANCE]) < TIGHT else 0.0
+    b.values[0, JAM] = first
+    return least_value(p, b.out, b.values[3])
 
 
 @compiled(inline=True)
-def may_hide_event(dm, p, least, event, b):
+def may_hide_event(p, least, event):
     """Whether the step is to be taken again, shorter, because an event may hide in it."""
-    c = b.control[0]
+    c, part = p.control, 1.0
     if c.method == RESCALED:
         return False
-    part = 1.0
     if p.locate and least > 0.0:
-        part = hidden_dip(dm, p.modes, c.now, c.h, p.n, p.slip_tol, b)
-    if part < 1.0 or (least <= 0.0 and event == LANDING and p.y[YDIP] == 0.0):
+        part = hidden_dip(p, c.h)
+    if part < 1.0 or (least <= 0.0 and event == LANDING and p.b.start.y[Y.dip] == 0.0):
         c.h *= min(part, 0.5)
-        return c.h > SHORTEST * dm.period
+        return c.h > SHORTEST * p.dm.period
     return False
 
 
 @compiled(inline=True)
-def stop_at_event(dm, p, least, event, b):
+def stop_at_event(p, least, event):
     """Go to the first event in the step, and return it; GOES_ON if the step is to be taken again, or a slip only turns."""
-    modes, y, c = p.modes, p.y, b.control[0]
-    event = first_crossing(dm, p, event, least, b)
+    b, c, y = p.b, p.control, p.b.start.y
+    event = first_crossing(p, event, least)
     if event == UNSOUND:
-        return shorten(dm, 0.5, b)
+        return shorten(p, 0.5)
     if p.locate and c.method != RESCALED:
-        least_value(dm, modes, b.armed, b.start, b.out, b.F_out, p.slip_tol, b.values[3])
-        dt = b.out[YTIME]
-        low = low_between(b, motion_rate(dm, b.start) * dt)
-        part = hidden_dip(dm, modes, c.now, dt, p.n, p.slip_tol, b) if low else 1.0
-        if part < 1.0 and dt > SHORTEST * dm.period:
+        least_value(p, b.out, b.values[3])
+        dt = b.out.y[Y.time]
+        part = hidden_dip(p, dt) if low_between(p, motion_rate(p.dm, y) * dt) else 1.0
+        if part < 1.0 and dt > SHORTEST * p.dm.period:
             c.h = part * dt
             return GOES_ON
-    if p.n > N_PATH:
-        settle_works(dm, p, b)
-    copy(b.out, y, p.n)
-    c.time += max(0.0, b.out[YTIME])
+    go_to_end(p)
+    c.time += max(0.0, y[Y.time])
     if not is_slip_end(event):
         return event
-    a_slip, b_slip = slip_of(dm, modes, y, end_of(event))
-    if length(a_slip, b_slip) <= 4.0 * p.slip_tol:
-        set_slip(dm, modes, y, end_of(event), 0.0, 0.0)
+    if length(*slip_of(p.dm, p.modes, y, end_of(event))) <= 4.0 * p.slip_tol:
+        set_slip(p.dm, p.modes, y, end_of(event), 0.0, 0.0)
         return event
     c.h, c.xi = 0.5 * c.h, 0.5 * c.xi  # the slip has only turned by a right angle
-    copy(b.dy_out, b.dy, p.n)
-    copy(b.F_out, b.F, N_F)
-    least_value(dm, modes, b.armed, y, y, b.F, p.slip_tol, b.values[0])
+    least_value(p, b.start, b.values[0])
     return GOES_ON
 
 
 @compiled(inline=True)
-def accept_step(dm, p, factor, b):
-    """Go to the end of the step, and guess the size of the next one; returns a lift-off there, or GOES_ON."""
-    modes, y, c, dt = p.modes, p.y, b.control[0], b.out[YTIME]
+def go_to_end(p):
+    """Make the end of the step that of the phase so far."""
+    start, out = p.b.start, p.b.out
     if p.n > N_PATH:
-        settle_works(dm, p, b)
-    copy(b.out, y, p.n)
-    copy(b.dy_out, b.dy, p.n)
-    copy(b.F_out, b.F, N_F)
+        settle_works(p)
+    copy(out.y, start.y, p.n)
+    copy(out.dy, start.dy, p.n)
+    copy(out.F, start.F, N_F)
+
+
+@compiled(inline=True)
+def accept_step(p, factor):
+    """Go to the end of the step, and guess the size of the next one; returns a lift-off there, or GOES_ON."""
+    b, c, dt = p.b, p.control, p.b.out.y[Y.time]
+    go_to_end(p)
     c.time = p.span if c.last else c.time + dt
-    pulled = without_force(modes, b.F)
+    pulled = without_force(p)
     if p.locate and pulled >= 0 and b.armed[LIFT_OFF + pulled] == 0.0:
         return LIFT_OFF + pulled
     copy(b.values[3], b.values[0], N_CONTACT_EVENTS)
     if p.locate:
-        arm_events(dm, modes, b.armed, y, b.F, p.slip_tol, b.values[0])
+        arm_events(p, b.values[0])
     if c.method == RESCALED:
         c.xi, c.h = min(PHASE_TURNS, min(factor, RISE) * c.xi), 2.0 * dt
     else:
@@ -367,9 +353,9 @@ def accept_step(dm, p, factor, b):
 
 
 @compiled
-def without_force(modes, F):
+def without_force(p):
     """Number of a closed end whose force does not press, -1 if there is none."""
     for i in range(2):
-        if modes[i] != FREE and F[F1 + 3 * i] <= 0.0:
+        if p.modes[i] != FREE and p.b.start.F[F1 + 3 * i] <= 0.0:
             return i
     return -1

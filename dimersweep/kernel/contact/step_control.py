@@ -2,7 +2,7 @@
 
 Plain: DOP853 in time. Rescaled: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to rest, whose direction turns
 at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially. Near a jam, with the force at each moment in
-gamma, nothing is singular either where it goes through infinity, beyond which time runs back (``time_per_xi``). Implicit: Radau
+gamma, nothing is singular either where it goes through infinity, beyond which time runs back (`time_per_xi`). Implicit: Radau
 IIA in time, for slip that is slow and stays so, or sets out from rest: its direction follows the forces at once, and the
 step need not resolve how.
 """
@@ -15,39 +15,33 @@ from dimersweep.kernel.contact.coordinates import (
     N_CLOSED,
     N_PATH,
     N_WORKED,
+    N_Y,
     UPRIGHT,
-    YCHART,
-    YDIP,
-    YGAMMA,
-    YS,
-    YTHETA,
-    YTIME,
-    YUA,
-    YUB,
-    YWB,
-    YWORK,
-    YWP,
-    YX,
-    YY,
+    Y,
     leading,
     same_chart,
     slip_of,
 )
 from dimersweep.kernel.contact.events import slip_speed
-from dimersweep.kernel.contact.forces import A1, COMPLIANCE, F1, F2, L1, N_F, path_rates, single_rates
-from dimersweep.kernel.contact.powers import phase_rates, work_rates
+from dimersweep.kernel.contact.forces import (
+    COMPLIANCE,
+    F1,
+    F2,
+    Moment,
+    Rod,
+    path_rates,
+    phase_rates,
+    pull_at,
+    put_forces,
+    single_rates,
+    work_rates,
+)
 from dimersweep.kernel.model.body import attitude, end, extent
 from dimersweep.kernel.model.layout import FREE, SLIP
-from dimersweep.kernel.model.plate import acceleration_along, effective_gravity
 from dimersweep.kernel.numerics.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
 from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.meter import charge
-from dimersweep.kernel.numerics.steps import (
-    copy,
-    explicit_step,
-    lu_factor,
-    lu_solve,
-)
+from dimersweep.kernel.numerics.steps import copy, explicit_step, lu_factor, lu_solve
 from dimersweep.kernel.numerics.tableaux import DOP_C
 
 PLAIN_METHOD, RESCALED, IMPLICIT = 0, 1, 2
@@ -71,25 +65,16 @@ class StepArrays(NamedTuple):
     J: Any  # derivatives of the slopes with respect to the slips, and the Newton matrix
     LU: Any
     B: Any  # directions of the turns
-    start: Any  # state, rates and forces at the start of the step, and at its end
-    dy: Any
-    F: Any
-    out: Any
-    dy_out: Any
-    F_out: Any
+    start: Moment  # of the step: the state of the phase
+    out: Moment  # its end
     scale: Any  # tolerances of the state
     armed: Any  # event functions that have been positive
     values: Any  # event functions in the course of the step
-    probe: Any
-    dy_probe: Any
-    F_probe: Any
+    probe: Moment
     pivots: Any
     change: Any
     kept: Any  # what a step was from and to, while the works in it are taken in parts
     flows: Any  # what the works since the phase began are either way
-    bracket: Any  # of an event
-    control: Any
-    meter: Any
 
 
 class Control:
@@ -110,16 +95,20 @@ class Control:
 
 
 class Phase(NamedTuple):
-    """A contact phase in one chart, and what is asked of it."""
+    """A contact phase in one chart: what is asked of it, and what it is followed on."""
 
+    dm: Any
     modes: Any
-    y: Any  # the contact state, modified in place
     phase: float  # of the plate at the start [rad]
     span: float  # [s]
-    tol: float
+    tol: float  # error per step, in units of the scales of the state
     slip_tol: float  # slip that counts as none [m/s]
-    n: int  # entries of y that are integrated
-    locate: bool  # whether events are looked for
+    n: int  # entries of the state that are integrated
+    locate: bool  # whether events are looked for: a phase that is sampled again has none inside
+    b: StepArrays
+    control: Any
+    bracket: Any  # of an event
+    meter: Any
 
 
 @compiled
@@ -132,60 +121,70 @@ def step_arrays(work):
         rows[17:32],
         rows[32:47],
         rows[47:62],
-        rows[62],
-        rows[63],
-        rows[64],
-        rows[65],
-        rows[66],
-        rows[67],
+        Moment(rows[62], rows[63], rows[64]),
+        Moment(rows[65], rows[66], rows[67]),
         rows[68],
         rows[69],
         rows[70:74],
-        rows[74],
-        rows[75],
-        rows[76],
+        Moment(rows[74], rows[75], rows[76]),
         rows[77],
         rows[78],
         rows[79:85],
         rows[85],
-        work.bracket,
-        work.control,
-        work.meter,
     )
 
 
 @compiled
-def set_chart(y, b):
-    """Mark the states of a step as ones in the chart of y."""
-    same_chart(y, b.start)
-    same_chart(y, b.out)
-    same_chart(y, b.probe)
+def begin_at(p, y):
+    """Have a phase start from a contact state: its tolerances and rates, and the chart, which all states of its steps share."""
+    copy(y, p.b.start.y, N_Y)
+    same_chart(y, p.b.out.y)
+    same_chart(y, p.b.probe.y)
     for j in range(NODES):
-        same_chart(y, b.Y[j])
+        same_chart(y, p.b.Y[j])
+    set_scales(p)
+    phase_rates(p, p.phase, p.b.start)
 
 
 @compiled
-def set_scales(dm, tol, scale):
-    """Tolerances of the contact state: angles, rates, slips and lengths in the scales of the scene."""
-    scale[YDIP] = scale[YTHETA] = tol
-    scale[YWB] = scale[YWP] = tol * dm.w_scale
-    scale[YS] = 10.0 * tol * dm.w_scale
-    scale[YUA] = scale[YUB] = tol * dm.v_scale
-    scale[YTIME] = tol * dm.period
-    scale[YX] = scale[YY] = tol * extent(dm)[0]
-    scale[YGAMMA] = 10.0 * tol
+def set_scales(p):
+    """Tolerances of the contact state: angles, rates, slips and lengths in the scales of the scene; works as they are told."""
+    dm, tol, scale = p.dm, p.tol, p.b.scale
+    scale[Y.dip] = scale[Y.theta] = tol
+    scale[Y.w_b] = scale[Y.w_p] = tol * dm.w_scale
+    scale[Y.spin] = 10.0 * tol * dm.w_scale
+    scale[Y.u_a] = scale[Y.u_b] = tol * dm.v_scale
+    scale[Y.time] = tol * dm.period
+    scale[Y.x] = scale[Y.y] = tol * extent(dm)[0]
+    scale[Y.gamma] = 10.0 * tol
+    for k in range(N_PATH, p.n):
+        scale[k] = p.control.doubt
 
 
 @compiled
-def stiffness(dm, modes, y, force):
+def stiffness(p, force):
     """gamma: a bound on the rate at which friction under a normal force turns a slip, times its speed [m s-2]."""
-    tilt, gamma = 1.0 if y[YCHART] == UPRIGHT else min(1.0, abs(dm.beta_0 + y[YDIP])), 0.0
+    dm, y = p.dm, p.b.start.y
+    tilt, gamma = 1.0 if y[Y.chart] == UPRIGHT else min(1.0, abs(dm.beta_0 + y[Y.dip])), 0.0
     for i in range(2):
-        if modes[i] != FREE:
-            p = end(dm, i)
-            arm = abs(p.h) + p.r * tilt
-            gamma = max(gamma, p.mu * (dm.im + arm * arm * dm.it + p.r * p.r * dm.ia) * force)
+        if p.modes[i] != FREE:
+            q = end(dm, i)
+            arm = abs(q.h) + q.r * tilt
+            gamma = max(gamma, q.mu * (dm.im + arm * arm * dm.it + q.r * q.r * dm.ia) * force)
     return gamma
+
+
+class Step(NamedTuple):
+    """A step of a contact phase, of h seconds or, by the rescaled method, h units of xi."""
+
+    p: Phase
+    phase: float  # of the plate at its start [rad]
+    h: float
+    method: int
+    gamma: float
+
+
+# --- explicit steps -----------------------------------------------------------------------------------------------------
 
 
 @compiled
@@ -194,95 +193,72 @@ def ruling_slip(dm, modes, y):
     inverse = 0.0
     for i in range(2):
         if modes[i] == SLIP:
-            a, b = slip_of(dm, modes, y, i)
-            inverse += 1.0 / sqrt(a * a + b * b)
+            inverse += 1.0 / length(*slip_of(dm, modes, y, i))
     return 1.0 / inverse
 
 
-@compiled
-def time_per_xi(F, start):
-    """Time per xi under the forces F, in units of that at the start of the step.
+@compiled(inline=True)
+def time_per_xi(step, v, force):
+    """Time per xi at a slip speed, under normal forces with this sum.
 
-    It goes with 1 / F, and stays finite where the force vanishes: to F is added its product with the compliance, which is
-    about what it would be without friction.
+    Near a jam it goes with 1 / F, and stays finite where the force vanishes: to F, in units of that at the start, is added its
+    product with the compliance, which is about what it would be without friction.
     """
+    share, start = v / step.gamma, step.p.b.start.F
     more = start[COMPLIANCE]
-    return (1.0 + more) / ((F[F1] + F[F2]) / (start[F1] + start[F2]) + more)
-
-
-class ExplicitStep(NamedTuple):
-    """An explicit step of a contact phase, of h seconds or, by the rescaled method, h units of xi."""
-
-    dm: Any
-    modes: Any
-    phase: float  # of the plate at its start [rad]
-    h: float
-    n: int  # entries of the state that are integrated
-    method: int
-    gamma: float
-    b: Any
-
-
-@compiled
-def slopes_of_any(step, i, dip, w_b, w_p, spin, u_a, u_b, theta, t):
-    """Slopes of a stage of any contact, in either chart."""
-    b = step.b
-    y, k = b.out, b.K[i]
-    y[YDIP], y[YWB], y[YWP], y[YS], y[YUA], y[YUB], y[YTHETA], y[YTIME] = dip, w_b, w_p, spin, u_a, u_b, theta, t
-    phase_rates(step.dm, step.modes, step.phase + step.dm.omega * t, y, step.n, k, b.F_out)
-    rescale(step, y, b.F_out, k)
-    return k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
+    if more < TIGHT:
+        share *= (1.0 + more) / (force / (start[F1] + start[F2]) + more)
+    return share
 
 
 @compiled(inline=True)
 def rescale(step, y, F, k):
     """By the rescaled method, the slopes k per xi in place of those per time."""
     if step.method == RESCALED:
-        share = ruling_slip(step.dm, step.modes, y) / step.gamma
-        if step.b.F[COMPLIANCE] < TIGHT:
-            share *= time_per_xi(F, step.b.F)
-        for j in range(step.n):
+        share = time_per_xi(step, ruling_slip(step.p.dm, step.p.modes, y), F[F1] + F[F2])
+        for j in range(step.p.n):
             k[j] *= share
 
 
 @compiled
-def works_of_single(step, i, now, slip, rates, share):
-    """Slopes of the works of a stage of the contact of one end with the slip (axial, lateral) at a heading."""
-    b, k = step.b, 3 * leading(step.modes)
-    y, F, dy = b.out, b.F_out, b.K[i]
-    y[YUA], y[YUB], y[YTHETA] = slip
-    for j in range(N_F):
-        F[j] = 0.0
-    F[F1 + k], F[A1 + k], F[L1 + k] = rates.F, rates.A, rates.L
-    work_rates(step.dm, step.modes, now, y, F, dy)
-    for j in range(YWORK, N_WORKED):
+def slopes_of_any(step, i, *state):
+    """Slopes of a stage of any contact, in either chart."""
+    p, y, F, k = step.p, step.p.b.out.y, step.p.b.out.F, step.p.b.K[i]
+    y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7] = state
+    phase_rates(p, step.phase + p.dm.omega * y[Y.time], Moment(y, k, F))
+    rescale(step, y, F, k)
+    return k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
+
+
+@compiled
+def works_of_single(step, i, now, rod, rates, share):
+    """Slopes of the works of a stage of the contact of one end."""
+    p, y, F, dy = step.p, step.p.b.out.y, step.p.b.out.F, step.p.b.K[i]
+    y[Y.u_a], y[Y.u_b], y[Y.theta] = rod.u_a, rod.u_b, rod.theta
+    put_forces(leading(p.modes), rates.F, rates.A, rates.L, rates.compliance, F)
+    work_rates(p.dm, p.modes, now, y, F, dy)
+    for j in range(N_PATH, N_WORKED):
         dy[j] *= share
 
 
 @compiled(fuse=True, inline=True)
-def slopes_of_single(step, i, dip, w_b, w_p, spin, u_a, u_b, theta, xi_time):
+def slopes_of_single(step, i, *state):
     """Slopes of a stage of the contact of one end in the chart by heading."""
-    dm, b, rescaled = step.dm, step.b, step.method == RESCALED
-    end_number = leading(step.modes)
-    p, mode = end(dm, end_number), step.modes[end_number]
+    dip, w_b, w_p, spin, u_a, u_b, theta, xi_time = state
+    dm, n, rescaled, number = step.p.dm, step.p.n, step.method == RESCALED, leading(step.p.modes)
+    p = end(dm, number)
     t = xi_time if rescaled else step.h * DOP_C[i]
-    now, A_a, A_b = step.phase + dm.omega * t, 0.0, 0.0
-    if dm.sideways != 0.0:
-        A_a, A_b = acceleration_along(dm, now, theta)
-    g_e = effective_gravity(dm, now)
+    now = step.phase + dm.omega * t
     sin_b, cos_b = attitude(dm, dip)
-    rates = single_rates(dm, mode, p, g_e, A_a, A_b, sin_b, cos_b, w_b, w_p, spin, u_a, u_b)
-    share = 1.0
-    if rescaled:
-        share, more = length(u_a, u_b) / step.gamma, b.F[COMPLIANCE]
-        if more < TIGHT:
-            share *= (1.0 + more) / (rates.F / (b.F[F1] + b.F[F2]) + more)
-    if step.n > N_CLOSED:
-        x, y_1, spun = path_rates(dm, p, sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
-        k = b.K[i]
-        k[YX], k[YY], k[YGAMMA] = share * x, share * y_1, share * spun
-    if step.n > N_PATH:
-        works_of_single(step, i, now, (u_a, u_b, theta), rates, share)
+    rod = Rod(sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
+    rates = single_rates(dm, step.p.modes[number], p, rod, pull_at(dm, now, theta))
+    share = time_per_xi(step, length(u_a, u_b), rates.F) if rescaled else 1.0
+    if n > N_CLOSED:
+        x, y_1, spun = path_rates(dm, p, rod)
+        k = step.p.b.K[i]
+        k[Y.x], k[Y.y], k[Y.gamma] = share * x, share * y_1, share * spun
+    if n > N_PATH:
+        works_of_single(step, i, now, rod, rates, share)
     return (
         share * w_b,
         share * rates.w_b,
@@ -296,52 +272,56 @@ def slopes_of_single(step, i, dip, w_b, w_p, spin, u_a, u_b, theta, xi_time):
 
 
 @compiled
-def explicit_contact_step(dm, modes, phase, h, n, method, gamma, b):
-    """One DOP853 step from b.start into b.out; returns the error over the tolerance."""
-    step = ExplicitStep(dm, modes, phase, h, n, method, gamma, b)
-    copy(b.dy, b.K[0], n)
-    rescale(step, b.start, b.F, b.K[0])
-    if b.start[YCHART] == UPRIGHT or (modes[0] != FREE and modes[1] != FREE):
-        return explicit_step(slopes_of_any, step, h, b.start, b.K, n, b.scale, b.out)
-    return explicit_step(slopes_of_single, step, h, b.start, b.K, n, b.scale, b.out)
+def explicit_contact_step(step):
+    """One DOP853 step from the start into `out`; returns the error over the tolerance."""
+    p, b, y = step.p, step.p.b, step.p.b.start.y
+    copy(b.start.dy, b.K[0], p.n)
+    rescale(step, y, b.start.F, b.K[0])
+    if y[Y.chart] == UPRIGHT or (p.modes[0] != FREE and p.modes[1] != FREE):
+        return explicit_step(slopes_of_any, step, step.h, y, b.K, p.n, b.scale, b.out.y)
+    return explicit_step(slopes_of_single, step, step.h, y, b.K, p.n, b.scale, b.out.y)
+
+
+# --- implicit steps -----------------------------------------------------------------------------------------------------
 
 
 @compiled
-def set_turns(modes, j, y, b):
-    """Directions of change of the slips (YUA, YUB, YWP) that turn them, into rows of b.B; returns how many.
+def set_turns(p, j):
+    """Directions of change of the slips (u_a, u_b, w_p) at node j that turn them, into rows of b.B; returns how many.
 
     A single slip only turns across itself; of two slips, which share their axial part, every change turns one.
     """
-    if modes[0] != FREE and modes[1] != FREE:
+    b, y = p.b, p.b.Y[j]
+    if p.modes[0] != FREE and p.modes[1] != FREE:
         for i in range(3):
             row = b.B[3 * j + i]
             row[0], row[1], row[2] = 0.0, 0.0, 0.0
             row[i] = 1.0
         return 3
-    v = length(y[YUA], y[YUB])
+    v = length(y[Y.u_a], y[Y.u_b])
     row = b.B[j]
-    row[0], row[1], row[2] = -y[YUB] / v, y[YUA] / v, 0.0
+    row[0], row[1], row[2] = -y[Y.u_b] / v, y[Y.u_a] / v, 0.0
     return 1
 
 
 @compiled
-def turn_slopes(dm, modes, phase, h, n, j, b):
+def turn_slopes(step, j):
     """Derivatives of the slopes at node j with respect to the turns, by forward differences, into b.J; returns how many."""
+    p, b, probe = step.p, step.p.b, step.p.b.probe
     y, f = b.Y[j], b.K[j]
-    v, _ = slip_speed(dm, modes, y, y)
-    m = set_turns(modes, j, y, b)
+    v, _ = slip_speed(p.dm, p.modes, y, y)
+    m = set_turns(p, j)
     for i in range(m):
         turn = b.B[j * m + i]
-        size = SLIP_CHANGE * v * (1.0 - turn[2] + turn[2] / dm.l)
-        for k in range(N_CLOSED):
-            b.probe[k] = y[k]
-        b.probe[YUA] += size * turn[0]
-        b.probe[YUB] += size * turn[1]
-        b.probe[YWP] += size * turn[2]
-        phase_rates(dm, modes, phase + dm.omega * h * RADAU_C[j], b.probe, n, b.dy_probe, b.F_probe)
+        size = SLIP_CHANGE * v * (1.0 - turn[2] + turn[2] / p.dm.l)
+        copy(y, probe.y, N_CLOSED)
+        probe.y[Y.u_a] += size * turn[0]
+        probe.y[Y.u_b] += size * turn[1]
+        probe.y[Y.w_p] += size * turn[2]
+        phase_rates(p, step.phase + p.dm.omega * step.h * RADAU_C[j], probe)
         row = b.J[j * m + i]
-        for k in range(n):
-            row[k] = (b.dy_probe[k] - f[k]) / size
+        for k in range(p.n):
+            row[k] = (probe.dy[k] - f[k]) / size
     return m
 
 
@@ -356,7 +336,7 @@ def newton_matrix(h, m, b):
                 a = h * RADAU_A[j, k]
                 for q in range(k * m, k * m + m):
                     slope = b.J[q]
-                    b.LU[p, q] = -a * (turn[0] * slope[YUA] + turn[1] * slope[YUB] + turn[2] * slope[YWP])
+                    b.LU[p, q] = -a * (turn[0] * slope[Y.u_a] + turn[1] * slope[Y.u_b] + turn[2] * slope[Y.w_p])
             b.LU[p, p] += 1.0
     return lu_factor(b.LU, NODES * m, b.pivots)
 
@@ -367,13 +347,14 @@ def newton_iteration(h, n, m, b):
 
     Only the turning of the slips is stiff: the other derivatives are left out, and what the turns change is carried over.
     """
+    y, probe = b.start.y, b.probe.y
     for j in range(NODES):
-        u_a, u_b, w_p = b.start[YUA] - b.Y[j, YUA], b.start[YUB] - b.Y[j, YUB], b.start[YWP] - b.Y[j, YWP]
+        u_a, u_b, w_p = y[Y.u_a] - b.Y[j, Y.u_a], y[Y.u_b] - b.Y[j, Y.u_b], y[Y.w_p] - b.Y[j, Y.w_p]
         for k in range(NODES):
             a, slope = h * RADAU_A[j, k], b.K[k]
-            u_a += a * slope[YUA]
-            u_b += a * slope[YUB]
-            w_p += a * slope[YWP]
+            u_a += a * slope[Y.u_a]
+            u_b += a * slope[Y.u_b]
+            w_p += a * slope[Y.w_p]
         for i in range(j * m, j * m + m):
             b.change[i] = b.B[i, 0] * u_a + b.B[i, 1] * u_b + b.B[i, 2] * w_p
     lu_solve(b.LU, NODES * m, b.pivots, b.change)
@@ -383,14 +364,14 @@ def newton_iteration(h, n, m, b):
                 b.K[j, k] += b.J[i, k] * b.change[i]
     largest = 0.0
     for j in range(NODES):
-        copy(b.start, b.probe, n)
+        copy(y, probe, n)
         for i in range(NODES):
             a = h * RADAU_A[j, i]
             for k in range(n):
-                b.probe[k] += a * b.K[i, k]
+                probe[k] += a * b.K[i, k]
         for k in range(N_CLOSED):
-            largest = max(largest, abs(b.probe[k] - b.Y[j, k]) / b.scale[k])
-        copy(b.probe, b.Y[j], n)
+            largest = max(largest, abs(probe[k] - b.Y[j, k]) / b.scale[k])
+        copy(probe, b.Y[j], n)
     return largest
 
 
@@ -401,7 +382,7 @@ def implicit_error(h, first, last, b):
     """
     total = 0.0
     for k in range(first, last):
-        top, near = TOP[0] * b.dy[k], 0.0
+        top, near = TOP[0] * b.start.dy[k], 0.0
         for j in range(NODES):
             top += TOP[j + 1] * b.K[j, k]
             near += NEXT[j] * b.K[j, k]
@@ -411,27 +392,26 @@ def implicit_error(h, first, last, b):
 
 
 @compiled
-def implicit_step(dm, modes, phase, h, n, b):
-    """One Radau IIA step of h seconds from b.start into b.out; returns the error over the tolerance, inf if it fails."""
-    m = 1
+def implicit_step(step):
+    """One Radau IIA step from the start into `out`; returns the error over the tolerance, inf if it fails."""
+    p, h, n, b, m = step.p, step.h, step.p.n, step.p.b, 1
     for j in range(NODES):
         for k in range(n):
-            b.Y[j, k] = b.start[k] + h * RADAU_C[j] * b.dy[k]
+            b.Y[j, k] = b.start.y[k] + h * RADAU_C[j] * b.start.dy[k]
     before = inf
     for turn in range(MAX_STEP_NEWTON):
-        charge(b.meter, NEWTON_COST * (1 + m))
+        charge(p.meter, NEWTON_COST * (1 + m))
         for j in range(NODES):
-            at = phase + dm.omega * h * RADAU_C[j]
-            phase_rates(dm, modes, at, b.Y[j], n, b.K[j], b.F_out)
+            phase_rates(p, step.phase + p.dm.omega * h * RADAU_C[j], Moment(b.Y[j], b.K[j], b.out.F))
         if turn == 0 or turn == RENEWED:
             for j in range(NODES):
-                m = turn_slopes(dm, modes, phase, h, n, j, b)
+                m = turn_slopes(step, j)
             if not newton_matrix(h, m, b):
                 return inf
         change = newton_iteration(h, n, m, b)
         if change <= CONVERGED:
-            copy(b.Y[NODES - 1], b.out, n)
-            b.out[YTIME] = h
+            copy(b.Y[NODES - 1], b.out.y, n)
+            b.out.y[Y.time] = h
             return implicit_error(h, 0, N_CLOSED, b)
         if not change < inf or (turn > RENEWED and change > before):
             return inf
@@ -440,12 +420,16 @@ def implicit_step(dm, modes, phase, h, n, b):
 
 
 @compiled(inline=True)
-def step_to(dm, modes, phase, h, n, method, gamma, b):
-    """One step; the rates (per time) and forces at its end are left in b.dy_out, b.F_out. Returns the error."""
-    if method == IMPLICIT:
-        error = implicit_step(dm, modes, phase, h, n, b)
+def step_to(p, phase, h):
+    """One step by the method that is chosen, from a phase of the plate; returns its error over the tolerance.
+
+    The rates (per time) and the forces at its end are left in `out`.
+    """
+    step = Step(p, phase, h, p.control.method, p.control.stiffness)
+    if step.method == IMPLICIT:
+        error = implicit_step(step)
     else:
-        charge(b.meter, EXPLICIT_COST)
-        error = explicit_contact_step(dm, modes, phase, h, n, method, gamma, b)
-    phase_rates(dm, modes, phase + dm.omega * b.out[YTIME], b.out, n, b.dy_out, b.F_out)
+        charge(p.meter, EXPLICIT_COST)
+        error = explicit_contact_step(step)
+    phase_rates(p, phase + p.dm.omega * p.b.out.y[Y.time], p.b.out)
     return error

@@ -7,8 +7,8 @@ is estimated as that of the state is. Where it counts, the step is taken in equa
 from math import sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import N_WORKED, YTIME, YWORK
-from dimersweep.kernel.contact.powers import phase_rates
+from dimersweep.kernel.contact.coordinates import N_PATH, N_WORKED, Y
+from dimersweep.kernel.contact.forces import phase_rates
 from dimersweep.kernel.contact.step_control import IMPLICIT, RESCALED, implicit_error, step_to
 from dimersweep.kernel.numerics.steps import copy, error_beyond
 
@@ -16,23 +16,23 @@ WORK_PARTS = 64  # into which a step is taken for its works
 
 
 @compiled
-def work_error(h, method, b):
+def work_error(p, h):
     """Error of the works over what they may be off, in the step of h seconds that was taken last."""
-    if method == RESCALED:  # in xi all is slow, and the slip falls: its power is as smooth as itself
+    if p.control.method == RESCALED:  # in xi all is slow, and the slip falls: its power is as smooth as itself
         return 0.0
-    if method == IMPLICIT:
-        return implicit_error(h, YWORK, N_WORKED, b)
-    return error_beyond(h, b.K, YWORK, N_WORKED, b.scale)
+    if p.control.method == IMPLICIT:
+        return implicit_error(h, N_PATH, N_WORKED, p.b)
+    return error_beyond(h, p.b.K, N_PATH, N_WORKED, p.b.scale)
 
 
 @compiled
-def settle_works(dm, p, b):
+def settle_works(p):
     """Make the works in the step that is to be accepted as good as the state, and note what flows in it."""
-    h, method = b.out[YTIME], b.control[0].method
-    if work_error(h, method, b) > 1.0:
-        works_in_parts(dm, p, h, b)
-    for k in range(YWORK, N_WORKED):
-        b.flows[k - YWORK] += flow(b.out[k] - b.start[k], b.dy[k], b.dy_out[k], h)
+    start, out, h = p.b.start, p.b.out, p.b.out.y[Y.time]
+    if work_error(p, h) > 1.0:
+        works_in_parts(p, h)
+    for k in range(N_PATH, N_WORKED):
+        p.b.flows[k - N_PATH] += flow(out.y[k] - start.y[k], start.dy[k], out.dy[k], h)
 
 
 @compiled
@@ -52,35 +52,37 @@ def flow(work, first, last, h):
 
 
 @compiled
-def works_in_parts(dm, p, h, b):
-    """Take the step of h seconds from b.start in parts until its works are good enough; all but these stays as it was."""
-    c, n, parts, kept = b.control[0], p.n, 1, b.kept
-    step = (b.start, b.dy, b.F, b.out, b.dy_out, b.F_out)
+def works_in_parts(p, h):
+    """Take the step of h seconds in parts until its works are good enough; all but these stays as it was."""
+    start, out, parts, kept = p.b.start, p.b.out, 1, p.b.kept
+    step = (start.y, start.dy, start.F, out.y, out.dy, out.F)
     for k in range(6):
-        copy(step[k], kept[k], n)
+        copy(step[k], kept[k], p.n)
     while parts < WORK_PARTS:
         parts *= 2
         part, worst = h / parts, 0.0
         for j in range(parts):
             for k in range(3):  # from the start of the step, then from the end of the part before
-                copy(kept[k] if j == 0 else step[k + 3], step[k], n)
-            b.start[YTIME] = 0.0
-            step_to(dm, p.modes, c.now + dm.omega * part * j, part, n, c.method, c.stiffness, b)
-            worst = max(worst, work_error(part, c.method, b))
+                copy(kept[k] if j == 0 else step[k + 3], step[k], p.n)
+            start.y[Y.time] = 0.0
+            step_to(p, p.control.now + p.dm.omega * part * j, part)
+            worst = max(worst, work_error(p, part))
         if worst <= 1.0:
             break
-    for k in range(YWORK, N_WORKED):
-        kept[3, k] = b.out[k]
+    for k in range(N_PATH, N_WORKED):
+        kept[3, k] = out.y[k]
     for k in range(6):
-        copy(kept[k], step[k], n)
+        copy(kept[k], step[k], p.n)
 
 
 @compiled
-def works_to_slip_end(dm, p, t, b):
-    """Works over a straight line of t seconds from b.start, by the midpoint rule: a slip that ends falls to zero."""
+def works_to_slip_end(p, t):
+    """Works over a straight line of t seconds from here, by the midpoint rule: a slip that ends falls to zero."""
+    start, probe = p.b.start, p.b.probe
     for k in range(p.n):
-        b.probe[k] = b.start[k] + 0.5 * t * b.dy[k]
-    phase_rates(dm, p.modes, b.control[0].now + 0.5 * dm.omega * t, b.probe, p.n, b.dy_probe, b.F_probe)
-    for k in range(YWORK, N_WORKED):
-        p.y[k] = b.start[k] + t * b.dy_probe[k]
-        b.flows[k - YWORK] += abs(p.y[k] - b.start[k])
+        probe.y[k] = start.y[k] + 0.5 * t * start.dy[k]
+    phase_rates(p, p.control.now + 0.5 * p.dm.omega * t, probe)
+    for k in range(N_PATH, N_WORKED):
+        before = start.y[k]
+        start.y[k] += t * probe.dy[k]
+        p.b.flows[k - N_PATH] += abs(start.y[k] - before)
