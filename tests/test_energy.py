@@ -1,6 +1,8 @@
 """Energies, forces and energy budgets of runs, against closed forms and against themselves."""
 
+import tomllib
 from math import pi
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,25 +18,15 @@ from dimersweep.runs.solving import with_works
 from dimersweep.symbols import FORCES, WORKS
 from tests.checks.patched import run_patched
 
-SCENES = {
-    "base case": {},
-    "both ends slip": {"mu": 0.05, "mu_s": 0.1},
-    "without friction": {"mu": 0.0, "mu_s": 0.0},
-    "without loss": {"mu": 0.0, "mu_s": 0.0, "e": 1.0},
-    "plastic": {"e": 0.0},
-    "thrown up": {"Gamma": 3.0},
-    "a hold of its own": {"mu_h": 0.25, "Gamma": 0.8},
-    "unlike": {"r_1": 0.006, "r_2": 0.004, "e_1": 0.7, "e_2": 0.5, "mu_1": 0.1, "eta": 1.0, "beta0": 0.6},
-    "tilted": {"tilt": 0.05, "azimuth": 0.4, "theta0": 1.0},
-    "sideways": {"Gamma_x": 0.3, "Gamma_y": 0.2, "phi_y": 1.0, "tilt": 0.05, "Gamma_2": 0.3},
-    # a slip that comes to rest in an impact and sets out again along the axis, at a rounding of its end
-    "slips on": {"e": 0.9673037855604738, "Gamma": 0.8569418725583566, "f": 34.11061940996683, "A_r": 9.263011035373214}
-    | {"mu": 0.33817352555634983, "mu_s": 0.804390683756783, "beta0": 0.7074024745008577, "xdot0": 0.0489813549867264}
-    | {"phi0": 4.229328091320457, "tilt": 0.165, "azimuth": 5.31, "Gamma_x": 0.3, "Gamma_y": 0.3, "phi_x": 1.0},
-}
+SCENES = tomllib.loads((Path(__file__).parent / "data" / "budgets.toml").read_text())
 
 
-@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
+def budgets_of(which):
+    """Decorator of a test of the scenes of one kind."""
+    return pytest.mark.parametrize("scene", SCENES[which].values(), ids=SCENES[which])
+
+
+@budgets_of("closes")
 def test_the_budget_closes(scene):
     run = simulate(**scene, periods=100, rtol=1e-10)
     budget, parts = run.energy(), run.energy("event")
@@ -54,47 +46,14 @@ def start_energy(run):
     return float(state["kinetic_energy"] + state["potential_energy"])
 
 
-STEADY = {
-    # two slips that turn and come to rest together in each period
-    "creeps": {"e": 0.6147, "Gamma": 0.9752, "f": 56.6615, "A_r": 7.5248, "mu": 0.4361, "mu_s": 0.8341, "beta0": 0.6775}
-    | {"xdot0": 0.4646, "phi0": 4.927, "tilt": 0.1859, "azimuth": 2.496, "theta0": 0.0356}
-    | {"Gamma_x": 0.1564, "phi_x": 2.2814, "Gamma_y": 0.1673},
-    # an end at rest that sets out to slip in the double impact of each period
-    "sets out": {
-        "e": 0.4167,
-        "Gamma": 1.3495,
-        "f": 21.0491,
-        "A_r": 5.1719,
-        "mu": 0.1262,
-        "mu_s": 0.2015,
-        "mu_h": 0.1262,
-    }
-    | {"beta0": 0.0597, "xdot0": 1.0756, "phi0": 3.7509},
-    "base case": {},
-}
-
-
-@pytest.mark.parametrize("scene", STEADY.values(), ids=STEADY)
+@budgets_of("steady")
 def test_the_closure_is_the_error_of_the_run(scene):
     """It falls with `rtol`."""
     coarse, fine = (simulate(**scene, periods=100, rtol=rtol).energy().closure for rtol in (1e-8, 1e-12))
     assert fine < min(5e-11, 2e-2 * coarse)
 
 
-LYING = {"beta": 0.0}
-CARRIED = {
-    "alike": {"Gamma": 0.5, "start": LYING},
-    "from a crest": {"Gamma": 0.7, "phi0": 1.0, "start": LYING},
-    "it rolls": {"Gamma": 0.5, "start": LYING | {"x1_rate": 0.3, "gamma_rate": 60.0}},
-    "along as well": {"Gamma": 0.9, "Gamma_x": 0.1, "Gamma_2": 0.05, "start": LYING},
-    "along alone": {"Gamma": 0.0, "Gamma_y": 0.1, "start": LYING},
-    "on a slope": {"Gamma": 0.5, "tilt": 0.05, "azimuth": 1.5707963267948966, "start": LYING},
-    "it rolls on a plate at rest": {"Gamma": 0.0, "start": LYING | {"x1_rate": 0.3, "gamma_rate": 60.0}},
-    "nothing moves": {"Gamma": 0.0, "start": LYING},
-}
-
-
-@pytest.mark.parametrize("scene", CARRIED.values(), ids=CARRIED)
+@budgets_of("carried")
 def test_the_budget_of_what_is_carried_closes(scene):
     """The plate gives and takes in each period, and nothing is left of it."""
     assert simulate(**scene, periods=30, rtol=1e-12).energy().closure < 1e-11
@@ -102,7 +61,7 @@ def test_the_budget_of_what_is_carried_closes(scene):
 
 def test_what_flows_is_what_the_plate_gives_while_it_rises():
     """Each end carries half of the weight, twice the amplitude up in each period, and down again."""
-    run = simulate(Gamma=0.5, start=LYING, periods=30)
+    run = simulate(Gamma=0.5, start={"beta": 0.0}, periods=30)
     budget, dm = run.energy(), dimer_of(run.record("the test").row)
     left = float(np.abs(run.energy("event")["residual"].cumsum()).max())
     assert budget["plate_1"].sum() == pytest.approx(0.0, abs=1e-16)
@@ -111,43 +70,19 @@ def test_what_flows_is_what_the_plate_gives_while_it_rises():
     assert budget.closure == pytest.approx(left / given, rel=0.02)  # what flows is known to a hundredth
 
 
-LONG = {
-    "base case": {},
-    "creeps": STEADY["creeps"],  # downhill, rolling: kinetic and potential energy change by far more than any work
-    # it rolls down the plate ever faster, and in each period both ends set out to slip and come to rest again
-    "rolls down": {"e": 0.4127, "Gamma": 1.4929, "f": 12.563, "A_r": 4.348, "mu": 0.5214, "mu_s": 1.2252}
-    | {"beta0": 0.4397, "xdot0": 1.7689, "phi0": 5.9628, "tilt": 0.0915, "azimuth": 4.1366, "theta0": 4.5179}
-    | {"Gamma_x": 0.3951, "phi_x": 2.6274, "Gamma_y": 0.1094},
-}
-
-
-@pytest.mark.parametrize("scene", LONG.values(), ids=LONG)
+@budgets_of("long")
 def test_the_budget_of_a_thousand_periods_closes(scene):
     assert simulate(**scene, periods=1000, rtol=1e-10).energy().closure < 1e-9
 
 
-SLIPS = {
-    # slip along the axis passes through zero with a little slip across: the direction of friction turns within 1e-7 s
-    "turns at once": {"mu": 0.05, "mu_s": 0.05, "e": 0.0, "beta0": 0.3, "ydot0": 0.03, "xdot0": 1e-7, "Gamma": 0.6}
-    | {"phi0": 1.5 * pi},
-    # both ends slip till one sticks
-    "stops": {"e": 0.4748, "Gamma": 1.162, "f": 46.31, "A_r": 9.83, "mu": 0.7026, "mu_s": 0.7165, "beta0": 1.179}
-    | {"xdot0": 1.502, "phi0": 4.654, "r_1": 0.004769, "r_2": 0.006878, "e_1": 0.4561, "mu_1": 0.1235},
-}
-
-
-@pytest.mark.parametrize("scene", SLIPS.values(), ids=SLIPS)
+@budgets_of("slips")
 def test_a_slip_that_turns_or_stops_is_seen(scene):
     assert simulate(**scene, periods=50, rtol=1e-12).energy().closure < 1e-12
 
 
 def test_the_last_moment_of_a_slip_counts():
     """It falls to zero along a straight line: at its first power 4e-14 J would be lost in each such phase."""
-    scene = {"e": 0.9422608631106655, "Gamma": 1.0282569443577212, "f": 20.927739110511336, "A_r": 4.016822875986243}
-    scene |= {"mu": 0.04453392051632559, "mu_s": 0.04768263474519634, "beta0": 0.24193387214672946, "eta": 1.0}
-    scene |= {"xdot0": 0.8889221677633112, "phi0": 3.102377853861228, "e_1": 0.3339987503023226}
-    scene |= {"r_1": 0.006628427778115669, "r_2": 0.005752051912301697, "mu_1": 0.025541083407211358}
-    parts = simulate(**scene, periods=150, rtol=1e-12).energy("event")
+    parts = simulate(**SCENES["last"]["moment"], periods=150, rtol=1e-12).energy("event")
     assert abs(parts["residual"]).max() < 1e-15
 
 
