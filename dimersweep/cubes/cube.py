@@ -95,12 +95,12 @@ def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[st
         `mode`, `status`, `di_end` (int8 with flag meanings), counts (int64) and the float quantities, each with units.
     """
     dims = tuple(grid.axes)
+    labels = dict(zip(CODES, codes.T, strict=True))
     variables = {
-        name: label_variable(name, dims, codes[:, slot].reshape(grid.shape))
-        for name, slot in sorted(zip(CODES, range(N_CODES), strict=True), key=lambda item: item[0] != "mode")
+        name: label_variable(name, dims, labels[name].reshape(grid.shape)) for name in dict.fromkeys(("mode", *CODES))
     }
-    for slot, name in enumerate(OUT):
-        variables[name] = float_variable(dims, out[:, slot].reshape(grid.shape), QUANTITIES[name])
+    for name, values in zip(OUT, out.T, strict=True):
+        variables[name] = float_variable(dims, values.reshape(grid.shape), QUANTITIES[name])
     return xr.Dataset(variables, coordinates_of(grid), attributes)
 
 
@@ -203,12 +203,8 @@ def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     out : ndarray, shape (n, N_OUT), float64
     codes : ndarray, shape (n, N_CODES), int64
     """
-    out, codes = blank(cube["mode"].size)
-    for slot, name in enumerate(OUT):
-        out[:, slot] = cube[name].values.ravel()
-    for slot, name in enumerate(CODES):
-        codes[:, slot] = cube[name].values.ravel()
-    return out, codes
+    out, codes = (np.column_stack([cube[name].values.ravel() for name in names]) for names in (OUT, CODES))
+    return out.astype(float, copy=False), codes.astype(np.int64, copy=False)
 
 
 def check_codes(flags: xr.DataArray) -> None:
