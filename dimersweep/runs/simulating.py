@@ -7,12 +7,12 @@ from typing import Any
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import check_count, check_rtol, check_seconds, check_switch
+from dimersweep.inputs import check_seconds, check_switch
 from dimersweep.parameters import Parameters, check_name, moved_on, updated
 from dimersweep.runs.behind import parameters_of, was_carried
 from dimersweep.runs.recorded import parameters_told
 from dimersweep.runs.run import Run, proven_run, simulate_judged
-from dimersweep.runs.solving import RunSettings, check_recorded
+from dimersweep.runs.solving import check_recorded, run_settings
 from dimersweep.runs.starting import is_point, named, start_of
 from dimersweep.symbols import INSTEAD, START
 
@@ -86,11 +86,10 @@ def simulate(
     begun = None if start is None else start_of(start)
     known = parameters_told(start) if isinstance(start, xr.Dataset) else {}
     given = Parameters(**parameters) if begun is None else _with_start(parameters, known, begun)
-    periods, settles = check_count("periods", periods), check_switch("stop_when_settled", stop_when_settled)
-    how = RunSettings(periods, periods, check_rtol(rtol), settles)
+    how = run_settings(periods=periods, rtol=rtol, stop_when_settled=stop_when_settled)
     seconds, before = check_seconds(max_seconds), Parameters(**known) if known else None
     if check_switch("record", record):
-        check_recorded(periods)
+        check_recorded(how.periods)
     return proven_run(
         lambda space: simulate_judged(given, how, space, record=record, begun=begun, before=before), seconds
     )
