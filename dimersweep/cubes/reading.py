@@ -10,6 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.grid import DIRECTIONS
+from dimersweep.cubes.results import runs
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import number
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
@@ -124,9 +125,7 @@ def drift_intervals(cube: xr.Dataset) -> list[np.ndarray]:
     drift = _drift_rows(cube)
     angles = drift["beta0"].values
     edges = edges_of(angles, *dip_range(angles))
-    padded = np.pad(drift.values, ((0, 0), (1, 1))).astype(np.int8)
-    steps = np.diff(padded, axis=1)
-    return [edges[np.column_stack([np.flatnonzero(row == 1), np.flatnonzero(row == -1)])] for row in steps]
+    return [edges[np.array(runs(row), dtype=int).reshape(-1, 2)] for row in drift.values]
 
 
 def drift_lengths(cube: xr.Dataset) -> xr.DataArray:
@@ -150,13 +149,13 @@ def search_summary(cube: xr.Dataset) -> str:
     made = cube["n_runs"].values > 0
     words, counts = np.unique(names(cube["answer"]).values[made], return_counts=True)
     answers = ", ".join(f"{word} {count}" for word, count in zip(words, counts, strict=True))
-    runs, whole = int(cube["n_runs"].sum()), int(made.sum()) * len(search["values"])
+    taken, whole = int(cube["n_runs"].sum()), int(made.sum()) * len(search["values"])
     asked = (
         f"{search['ask']} {search['axis']} to {search['mode']}"
         if search["ask"] != "fraction"
         else f"modes over {search['axis']}"
     )
-    return f"{asked}: {answers} at {int(made.sum())} points, in {runs} runs of {whole} that there are"
+    return f"{asked}: {answers} at {int(made.sum())} points, in {taken} runs of {whole} that there are"
 
 
 def runs_of(cube: xr.Dataset, mode: str) -> xr.DataArray:
