@@ -27,8 +27,7 @@ TRIED = 12  # of them that are tried exactly
 LEAST_OWN = 1e-3  # share of a circle that is none of what stands still, below which it is not told apart
 CREEP_POINTS = 20  # points of a track, with which two further coefficients cost little
 SPIRAL_STEPS = 64  # of a turn, by which the path of an orbit is summed
-CIRCLE_NAMES = ("path_radius", "period", "x", "y")
-CYCLOID_NAMES = (*CIRCLE_NAMES, "v_x", "v_y")
+CYCLOID = ("path_radius", "period", "x", "y", "v_x", "v_y")  # numbers of one; those of a circle are the first four
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +77,7 @@ class Track:
     @property
     def measured(self) -> Measured:
         """Radius and period with their covariance, for `fit`."""
-        return Measured(CIRCLE_NAMES[:2], np.array(list(self.values.values())[:2]), self.covariance[:2, :2], self)
+        return Measured(CYCLOID[:2], np.array(list(self.values.values())[:2]), self.covariance[:2, :2], self)
 
     def of(self, orbit: PeriodicOrbit) -> np.ndarray:
         """The `path_radius` and the `period` that a track of an orbit at these times gives, shape (2,).
@@ -182,26 +181,20 @@ def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
     J = _slopes(A, s, coefficients)
     if sigma is None:
         sigma = _scatter(residual, J, s, A[:, -1] * coefficients[-1])
-    radius, period = float(abs(coefficients[-1])), TURN * span / abs(rate)
-    n = 2 * coefficients.size - 1  # place of the last coefficient among the columns
-    G = np.zeros((len(CYCLOID_NAMES if moving else CIRCLE_NAMES), J.shape[1]))
-    G[0, n : n + 2] = coefficients[-1].real / radius, coefficients[-1].imag / radius
-    G[1, 0] = -period / rate
-    G[2:4, 1:3] = np.eye(2)
-    if moving:
-        G[4:6, 3:5] = np.eye(2) / span
+    around, units = coefficients[-1], np.array([1.0, span])[: coefficients.size - 1]
+    radius, period = float(abs(around)), TURN * span / abs(rate)
+    values = [radius, period, *(coefficients[:-1] / units).view(float).tolist()]
+    G = np.zeros((len(values), J.shape[1]))  # derivatives of these
+    G[0, -2:], G[1, 0] = (around.real / radius, around.imag / radius), -period / rate
+    G[2:, 1:-2] = np.diag(np.repeat(1 / units, 2))
     back = sigma * G @ np.linalg.pinv(J)
     covariance = back @ back.T
     if not np.sqrt(covariance[0, 0]) < radius:
         raise ParameterError(
             f"track: turns by too little to tell its radius, {radius:.3g} ± {covariance[0, 0] ** 0.5:.2g} m"
         )
-    values = [radius, period, coefficients[0].real, coefficients[0].imag]
-    if moving:
-        values += [coefficients[1].real / span, coefficients[1].imag / span]
-    names = CYCLOID_NAMES if moving else CIRCLE_NAMES
     return Track(
-        values=dict(zip(names, map(float, values), strict=True)),
+        values=dict(zip(CYCLOID, values, strict=False)),
         covariance=covariance,
         sense=int(np.sign(rate)),
         sigma=sigma,
