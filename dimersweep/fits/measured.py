@@ -98,7 +98,14 @@ class Measured:
         """
         if not isinstance(measured, Mapping) or not measured:
             raise ParameterError(f"measured = {measured!r}: must be pairs such as {{'path_radius': (4.24, 0.02)}}")
-        pairs = [_value_and_error(name, pair) for name, pair in measured.items()]
+        pairs = []
+        for name, pair in measured.items():
+            if name not in MEASURABLE:
+                raise ParameterError(unknown(name, "measured quantity", MEASURABLE))
+            value, error = pair_of(name, pair, "a value and its error, such as (4.24, 0.02)")
+            pairs.append((_measured(name, value), number(f"error of {name}", error, MEASURABLE[name].units)))
+            if pairs[-1][1] <= 0:
+                raise ParameterError(f"error of {name} = {pairs[-1][1]:g}: must be > 0")
         values, errors = np.array(pairs).T
         return cls(tuple(measured), values, np.diag(errors**2))
 
@@ -153,13 +160,3 @@ def _measured(name: str, value: Any) -> float:
     if not least <= value <= most:
         raise ParameterError(f"{name} = {value:g}: must be {f'in [{least:g}, {most:g}]' if isfinite(most) else '>= 0'}")
     return value
-
-
-def _value_and_error(name: str, pair: Any) -> tuple[float, float]:
-    if name not in MEASURABLE:
-        raise ParameterError(unknown(name, "measured quantity", MEASURABLE))
-    value, error = pair_of(name, pair, "a value and its error, such as (4.24, 0.02)")
-    value, error = _measured(name, value), number(f"error of {name}", error, MEASURABLE[name].units)
-    if error <= 0:
-        raise ParameterError(f"error of {name} = {error:g}: must be > 0")
-    return value, error
