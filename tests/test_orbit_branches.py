@@ -286,12 +286,12 @@ def test_a_new_kind_of_border_is_one_object_that_is_registered(orbit, monkeypatc
 def test_borders_of_known_maps_are_found(kind, formula, begin, known):
     axis = SimpleNamespace(scale=1.0, map_at=lambda m, value: KnownMap(formula, value))
     at = on_border((BORDER_KINDS | {"tripling": TRIPLING})[kind], axis, KnownMap(formula, begin[-1]), np.array(begin))
-    assert at.u[-1] == pytest.approx(known, abs=1e-8)
+    assert at.y[-1] == pytest.approx(known, abs=1e-8)
     if kind == "torus":
         assert at.z == pytest.approx([0.5, 0.5], abs=1e-8)
-        assert at.u[-2] == pytest.approx(np.pi / 3, abs=1e-8)
+        assert at.y[-2] == pytest.approx(np.pi / 3, abs=1e-8)
     if kind == "tripling":
-        assert at.u[-2] == pytest.approx(1.0, abs=1e-8)
+        assert at.y[-2] == pytest.approx(1.0, abs=1e-8)
 
 
 def test_a_grid_is_walked_from_its_middle_outwards():

@@ -14,17 +14,22 @@ import numpy as np
 
 from dimersweep.orbits.branch import Axis, Point
 from dimersweep.orbits.continuation import SEARCHING, steps
-from dimersweep.orbits.curve import FollowedCurve, Found, crossings
+from dimersweep.orbits.curve import Curve, Found, crossings
 from dimersweep.orbits.kinds import Bifurcation
 from dimersweep.orbits.newton import TOLERANCE, fixed_at, newton
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.poincare import OrbitLost, ReturnMap, singular_lost
+from dimersweep.orbits.poincare import TURN, OrbitLost, ReturnMap, first_found, singular_lost
 from dimersweep.orbits.specials import Special, specials
 from dimersweep.orbits.stability_end import stability_end
 
 SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
 GUESS_REACH = 0.5  # distance from the first guess, in units of the section
+BACK = (0.0, 1e-3 * TURN, -1e-3 * TURN)  # phases of the plate at which the spin is put back [rad], as they are tried
+DOUBLED_FOLD = "flip-doubled_fold"  # where the orbit of twice the period has its fold on the flip itself
+KINK = 1e-2  # distance of all multipliers from the border's beyond which they are those of another map
+# of the differences for the coefficient of a flip, in units of the section: those of the third order are right to about 1e-3
+WIDTHS = (3e-3, 1e-3)
+AGREE = 0.02  # part in which the coefficients of both widths differ at most; more where a change of word lies between
 
 
 class OnBorder(NamedTuple):
@@ -34,30 +39,26 @@ class OnBorder(NamedTuple):
     ----------
     map : ReturnMap
         Of the fast part alone.
-    u : ndarray
+    y : ndarray
         Section point, rows of the eigenvector, what is not known of the multiplier, parameter over its scale.
     normal : ndarray, shape (n,)
         The eigenvector's product with it is 1.
     derivative : ndarray, optional
-        Of the system by u, where it is still of use.
+        Of the system by y, where it is still of use.
     residual : float
         How far the orbit fails to close, in units of the section.
     """
 
     map: ReturnMap
-    u: np.ndarray
+    y: np.ndarray
     normal: np.ndarray
-    derivative: np.ndarray | None
-    residual: float
-
-    def y(self, _: Axis) -> np.ndarray:
-        """All that is solved for, the parameter over its scale last."""
-        return self.u
+    derivative: np.ndarray | None = None
+    residual: float = 0.0
 
     @property
     def z(self) -> np.ndarray:
         """Section point."""
-        return self.u[: self.normal.size]
+        return self.y[: self.normal.size]
 
 
 def rotation(value: complex, rows: int) -> np.ndarray:
@@ -76,8 +77,7 @@ class BorderEquations:
     def parts(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, ReturnMap]:
         """Section point, rows of the eigenvector, what is not known of the multiplier, and the map."""
         n, end = self.n, self.n * (1 + self.rows)
-        m = self.axis.map_at(self.m, u[-1] * self.axis.scale)
-        return u[:n], u[n:end].reshape(self.rows, n), u[end:-1], m
+        return u[:n], u[n:end].reshape(self.rows, n), u[end:-1], self.axis.map_at(self.m, u[-1])
 
     def value(self, u: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
         """How far all equations fail to hold, and the map there."""
@@ -87,56 +87,53 @@ class BorderEquations:
         normal = V @ self.normal - np.eye(self.rows)[0]
         return np.concatenate([m.image(z).point - z, self.weight * turned.ravel(), normal]), m
 
-    def derivative(self, u: np.ndarray, around: "Around | None" = None) -> np.ndarray:
-        """Of all equations by u; from the images around the point, if they are known."""
+    def derivative(self, u: np.ndarray, around: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
+        """Of all equations by u; from the images around the point and J, if they are known."""
         z, V, unknown, m = self.parts(u)
-        around = images_around(m, z) if around is None else around
-        J, n, step = around.jacobian(), self.n, m.step
-        value = u[-1] * self.axis.scale
-        ahead, back = (self.axis.map_at(m, value + by * step * self.axis.scale) for by in (1, -1))
+        beside, J = images_around(m, z) if around is None else around
+        n, step = self.n, m.step
+        ahead, back = (self.axis.map_at(m, u[-1] + by * step) for by in (1, -1))
         here, moved = m.image(z).point, ahead.image(z).point
         A = np.zeros((u.size, u.size))
         A[:n, :n] = J - np.eye(n)
         A[:n, -1] = (moved - back.image(z).point) / (2 * step)
+        eigen = slice(n, n * (1 + self.rows))  # the equations of the eigenvector, and its rows among the unknowns
+        A[eigen, eigen] = np.kron(np.eye(self.rows), J) - np.kron(
+            rotation(self.kind.multiplier(unknown), self.rows), np.eye(n)
+        )
         for k, v in enumerate(V):
             rows = slice(n * (1 + k), n * (2 + k))
             along = m.image(z + step * v).point - here
             for i, d in enumerate(step * np.eye(n)):
-                A[rows, i] = (m.image(z + d + step * v).point - around.ahead[i] - along) / step**2
+                A[rows, i] = (m.image(z + d + step * v).point - beside[i] - along) / step**2
             A[rows, -1] = (ahead.image(z + step * v).point - moved - along) / step**2
-            A[rows, rows] = J
-            A[n * (1 + self.rows) + k, rows] = self.normal
-        A[n : n * (1 + self.rows), n : n * (1 + self.rows)] -= np.kron(
-            rotation(self.kind.multiplier(unknown), self.rows), np.eye(n)
-        )
+            A[eigen.stop + k, rows] = self.normal
         if unknown.size:
-            A[n : 3 * n, 3 * n] = -(rotation(self.kind.slope(unknown), self.rows) @ V).ravel()
-        A[n : n * (1 + self.rows)] *= self.weight
+            A[eigen, eigen.stop] = -(rotation(self.kind.slope(unknown), self.rows) @ V).ravel()
+        A[eigen] *= self.weight
         return A
 
+    def solved(self, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
+        """The point of the border near a guess, from a derivative nearby; lost if Newton's method does not come to one."""
 
-class Around(NamedTuple):
-    """Images of the points a step ahead and back along each coordinate, shape (n, n)."""
+        def residual(there: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
+            if np.abs(there - u)[[*range(self.n), -1]].max() > GUESS_REACH:
+                raise OrbitLost(f"Newton's method for the {self.kind.name} goes too far")
+            return self.value(there)
 
-    ahead: np.ndarray
-    back: np.ndarray
-    step: float
-
-    def jacobian(self) -> np.ndarray:
-        """Derivative of the map."""
-        return (self.ahead - self.back).T / (2 * self.step)
+        root = newton(residual, u, self.derivative, TOLERANCE * self.m.rtol, derivative)
+        return OnBorder(root.extra, root.y, self.normal, root.derivative, float(np.abs(root.value[: self.n]).max()))
 
 
-def images_around(m: ReturnMap, z: np.ndarray) -> Around:
-    """The images from which the derivative at a point is taken."""
-    steps = m.step * np.eye(z.size)
-    ahead, back = (np.array([m.image(z + by * d).point for d in steps]) for by in (1, -1))
-    return Around(ahead, back, m.step)
+def images_around(m: ReturnMap, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The images of the points a step ahead along each coordinate, and the derivative J of the map, shapes (n, n)."""
+    ahead, back = (np.array([m.image(z + by * d).point for d in m.step * np.eye(z.size)]) for by in (1, -1))
+    return ahead, (ahead - back).T / (2 * m.step)
 
 
 @singular_lost()
 def on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, y: np.ndarray) -> OnBorder:
-    """The point of a border near an orbit.
+    """The point of a border near an orbit; lost if Newton's method does not come to one.
 
     Parameters
     ----------
@@ -147,47 +144,12 @@ def on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, y: np.ndarray) -> OnB
         At the other parameters.
     y : ndarray, shape (n + 1,)
         Section point and parameter over its scale.
-
-    Raises
-    ------
-    OrbitLost
-        If Newton's method does not come to one.
     """
-    z, there = y[:-1], axis.map_at(m, y[-1] * axis.scale)
-    around = images_around(there, z)
-    V, unknown = kind.begin(around.jacobian())
-    normal = V[0] / (V[0] @ V[0])
-    u = np.concatenate([z, V.ravel(), unknown, y[-1:]])
-    system = BorderEquations(kind, axis, m, normal)
-    return _solved(system, u, system.derivative(u, around))
-
-
-def next_on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, near: OnBorder, u: np.ndarray) -> OnBorder:
-    """The point of a border near a guess `u`, from the derivative at a neighbour in the same section.
-
-    Raises
-    ------
-    OrbitLost
-        If Newton's method does not come to one.
-    """
-    return _solved(BorderEquations(kind, axis, m, near.normal), u, near.derivative)
-
-
-def _solved(system: BorderEquations, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
-    n = system.n
-
-    def residual(there: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
-        if np.abs(there - u)[[*range(n), -1]].max() > GUESS_REACH:
-            raise OrbitLost(f"Newton's method for the {system.kind.name} goes too far")
-        return system.value(there)
-
-    root = newton(residual, u, system.derivative, TOLERANCE * system.m.rtol, derivative)
-    return OnBorder(root.extra, root.y, system.normal, root.derivative, float(np.abs(root.value[:n]).max()))
-
-
-# of the differences, in units of the section: those of the third order are then right to about 1e-3
-WIDTHS = (3e-3, 1e-3)
-AGREE = 0.02  # part in which the coefficients of both widths differ at most; more where a change of word lies between
+    around = images_around(axis.map_at(m, y[-1]), y[:-1])
+    V, unknown = kind.begin(around[1])
+    u = np.concatenate([y[:-1], V.ravel(), unknown, y[-1:]])
+    system = BorderEquations(kind, axis, m, V[0] / (V[0] @ V[0]))
+    return system.solved(u, system.derivative(u, around))
 
 
 @singular_lost()
@@ -199,7 +161,8 @@ def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
         c = w C(v, v, v)/6 + w B(v, (1 - J)^-1 B(v, v))/2
 
     (Kuznetsov, doi 10.1007/978-3-031-22007-4, section 5.4). Where c > 0 a stable orbit of twice the period begins beyond the
-    flip, where c < 0 an unstable one ends there. NaN where contacts change so near that the map has no such derivatives.
+    flip, where c < 0 an unstable one ends there. NaN where contacts change so near that the map has no such derivatives; lost
+    if the map cannot be taken beside the point.
 
     Parameters
     ----------
@@ -209,11 +172,6 @@ def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
         Fixed point at the flip.
     matrix : ndarray, shape (n, n)
         J.
-
-    Raises
-    ------
-    OrbitLost
-        If the map cannot be taken beside the point.
     """
     v, w = (_eigenvector(J) for J in (matrix, matrix.T))
     v = v / np.linalg.norm(v)
@@ -241,33 +199,25 @@ def _eigenvector(matrix: np.ndarray) -> np.ndarray:
     return vectors[:, int(np.argmin(np.abs(values + 1)))].real
 
 
-BACK = (0.0, 1e-3 * TURN, -1e-3 * TURN)  # phases of the plate at which the spin is put back [rad], as they are tried
-DOUBLED_FOLD = "flip-doubled_fold"  # where the orbit of twice the period has its fold on the flip itself
-KINK = 1e-2  # distance of all multipliers from the border's beyond which they are those of another map
-
-
-class BifurcationCurve(FollowedCurve, of=Bifurcation):
+class BifurcationCurve(Curve, of=Bifurcation):
     """A curve along which multipliers of the orbit have the value that its kind asks for: see `Curve`."""
-
-    kind: Bifurcation
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: OnBorder = near[0].begin
         m = replace(old.map, parameters=given)
         for back in (m.back, *(other for other in BACK if other != m.back)):
-            for u in (self.extrapolated(near), old.u):
+            for u in (self.extrapolated(near), old.y):
                 with suppress(OrbitLost):
-                    return self.at(next_on_border(self.kind, self.axis, replace(m, back=back), old, u))
+                    return self.at(self.system(replace(m, back=back), near[0]).solved(u, old.derivative))
         raise OrbitLost(f"no {self.kind.name} is found from its neighbour")
 
     def _from(self, orbit: PeriodicOrbit) -> Found:
         """The first point of the border on the branch, to either side; one that ends stability goes before."""
-        begin, reasons = self._begun(orbit), []
-        ways = [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
+        ways, reasons = self._ways(orbit), []
         if orbit.stable:
             for way in ways:
                 with suppress(OrbitLost):
-                    end = stability_end(self.axis, way)
+                    end = stability_end(way)
                     if end.kind is self.kind:
                         return self.taken_up(end)
         for way in ways:
@@ -278,8 +228,8 @@ class BifurcationCurve(FollowedCurve, of=Bifurcation):
         raise OrbitLost(f"along {self.parameter}: {'; '.join(reasons)}")
 
     def _met(self, point: Point) -> Special:
-        for a, b, _ in steps(self.axis, point, SEARCHING):
-            for special in specials(self.axis, a, b, words=False)[0]:
+        for a, b, _ in steps(point, SEARCHING):
+            for special in specials(a, b, words=False)[0]:
                 if special.kind is self.kind:
                     return special
         raise OrbitLost(f"none within {SEARCHING.tries} points of the branch")
@@ -289,14 +239,12 @@ class BifurcationCurve(FollowedCurve, of=Bifurcation):
 
         At a fold the bouncer strikes about where the spin is put back; where it is just there, that is done beside it.
         """
-        reason = OrbitLost("")
-        for back in BACK:
-            try:
-                m = replace(special.point.map, spin=self.spin, back=back)
-                return self.at(on_border(self.kind, self.axis, m, special.point.y(self.axis)))
-            except OrbitLost as lost:
-                reason = lost
-        raise reason
+
+        def with_back(back: float) -> Found:
+            m = replace(special.point.map, spin=self.spin, back=back)
+            return self.at(on_border(self.kind, self.axis, m, special.point.y))
+
+        return first_found(with_back, BACK)
 
     @singular_lost()
     def at(self, at: OnBorder) -> Found:
@@ -304,7 +252,7 @@ class BifurcationCurve(FollowedCurve, of=Bifurcation):
 
         def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
             held = replace(own, spin=self.spin, back=at.map.back)
-            return on_border(self.kind, self.axis, held, np.append(z, at.u[-1]))
+            return on_border(self.kind, self.axis, held, np.append(z, at.y[-1]))
 
         plain = replace(at.map, spin=None)
         image = plain.image(at.z)
@@ -319,7 +267,7 @@ class BifurcationCurve(FollowedCurve, of=Bifurcation):
         if not fast.size or np.abs(self.kind.away(fast)).min() > KINK:
             raise OrbitLost(f"the map has a kink where a {self.kind.name} is looked for")
         orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
-        found = Found(orbit, float(at.u[-1] * self.axis.scale), at, loses=self.kind.is_all(fast))
+        found = Found(orbit, float(at.y[-1] * self.axis.scale), at, loses=self.kind.is_all(fast))
         if self.kind.doubles:
             with suppress(OrbitLost):
                 return found._replace(doubling=doubling(at.map, at.z, matrix))
@@ -329,7 +277,7 @@ class BifurcationCurve(FollowedCurve, of=Bifurcation):
         return BorderEquations(self.kind, self.axis, m, near.begin.normal)
 
     def made(self, u: np.ndarray, extra: ReturnMap, near: Found) -> Found:
-        return self.at(OnBorder(extra, u, near.begin.normal, None, 0.0))
+        return self.at(OnBorder(extra, u, near.begin.normal))
 
     def tests(self, found: Found) -> dict[str, float]:
         return crossings(self.kind, found.orbit) | ({DOUBLED_FOLD: found.doubling} if self.kind.doubles else {})

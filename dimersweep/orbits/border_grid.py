@@ -13,7 +13,7 @@ from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.inputs import as_numbers, check_rtol, number
 from dimersweep.orbits import bifurcation_curve, stability_end, word_curve  # noqa: F401 - they enter the curves of all kinds
 from dimersweep.orbits.continuation import halved
-from dimersweep.orbits.curve import Curve, Found, crossings, shortened, stability_columns
+from dimersweep.orbits.curve import Curve, Found, crossings, shortened
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind, change_of
 from dimersweep.orbits.labelling import Column, dataset
@@ -363,7 +363,7 @@ def _dataset(
         "cost": ([one.cost for one in rows], "forcing periods of the map that the point took"),
         curve.parameter: ([one.value for one in rows], PARAMETERS[curve.parameter]),
     }
-    columns |= stability_columns(curve.kind, rows) | curve.columns(rows)
+    columns |= curve.columns(rows)
     table = dataset([one.orbit for one in rows], "found", columns)
     shape = tuple(len(values) for values in axes.values())
     at = tuple(np.array(list(found)).T)

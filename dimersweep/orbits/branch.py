@@ -14,14 +14,15 @@ import numpy as np
 from dimersweep.orbits.continuation import SAME_WAY
 from dimersweep.orbits.manifold import lag
 from dimersweep.orbits.newton import NEWTON_STEPS, TOLERANCE, Fixed, defect, fixed_at, newton, system
-from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, singular_lost
+from dimersweep.orbits.poincare import TURN, Image, OrbitLost, ReturnMap, singular_lost
+
+NEAR_TURN = 0.05  # part of the parameter in a tangent below which it says nothing of where on a branch one is
 
 Mark = Callable[[ReturnMap, Image], float]  # what is zero at a border, beside the equations of an orbit
 
 
 class Axis(NamedTuple):
-    """The quantity that changes along a branch, and the branch as a problem for `continuation`.
+    """The quantity that changes along a branch.
 
     Attributes
     ----------
@@ -37,56 +38,25 @@ class Axis(NamedTuple):
     scale: float
     spin: float
 
-    def map_at(self, m: ReturnMap, value: float) -> ReturnMap:
-        """The map at a value of the parameter.
+    def map_at(self, m: ReturnMap, share: float) -> ReturnMap:
+        """The map at a value of the parameter over its scale; lost where the parameter does not allow it."""
+        return m if self.name == "spin" else m.at(self.name, float(share * self.scale))
 
-        Raises
-        ------
-        OrbitLost
-            If the parameter does not allow it.
-        """
-        return m if self.name == "spin" else m.at(self.name, value)
+    def image(self, m: ReturnMap, y: np.ndarray) -> Image:
+        """The image of a section point with the parameter over its scale."""
+        return self.map_at(m, y[-1]).image(y[:-1])
 
     def spin_at(self, value: float) -> float:
         """The axial spin at a value of the quantity [rad/s]."""
         return value if self.name == "spin" else self.spin
 
-    def y(self, point: "Point") -> np.ndarray:
-        """The section point with the parameter over its scale."""
-        return np.append(point.fixed.z, point.value / self.scale)
-
-    def on_plane(self, near: "Point", y: np.ndarray, normal: np.ndarray) -> "Point":
-        """The point of the branch on the plane through `y` across `normal`, with its own derivatives; see `Problem`."""
-        return with_derivatives(self, lent(self, near, y, normal), near.tangent)
-
-    def judge(self, a: "Point", b: "Point", step: float) -> None:
-        """Refuse a step over which the branch turns too far."""
-        if a.tangent @ b.tangent < SAME_WAY:
-            raise OrbitLost("the branch turns too sharply")
-
-    def settled(self, point: "Point", simplest: bool = True) -> "Point":
-        """The point in another section, if events have come near its own, or (`simplest`) if simpler contact lasts elsewhere.
-
-        Where no orbit is found in another section, and where an end grazes, the point stays in its own.
-        """
-        fixed = point.fixed
-        if point.grazes:
-            return point
-        return fixed.map.in_own_section(point, fixed.image.passage, partial(_moved, self, point), simplest)
-
-    def elsewhere(self, point: "Point") -> "Iterator[Point]":
-        """The point in the section of each smooth phase of its motion in which Newton's method finds it."""
-        m = point.fixed.map
-        for moved, z in m.sections(point.fixed.image.passage):
-            with suppress(OrbitLost):
-                yield _moved(self, point, moved, z)
-
 
 class Point(NamedTuple):
-    """A point of a branch.
+    """A point of a branch; see `continuation.OnCurve`.
 
     Attributes
     ----------
+    axis : Axis
     fixed : Fixed
     value : float
         Of the parameter.
@@ -100,6 +70,7 @@ class Point(NamedTuple):
         Whether an end just misses the plate.
     """
 
+    axis: Axis
     fixed: Fixed
     value: float
     slope: np.ndarray
@@ -117,18 +88,48 @@ class Point(NamedTuple):
         """The word of its motion."""
         return self.fixed.image.passage.word
 
-    def y(self, axis: Axis) -> np.ndarray:
-        """The point with the parameter over its scale."""
-        return axis.y(self)
+    @property
+    def y(self) -> np.ndarray:
+        """The section point with the parameter over its scale."""
+        return np.append(self.fixed.z, self.value / self.axis.scale)
 
     def matrix(self) -> np.ndarray:
         """Derivative of `defect` by y, shape (n, n + 1)."""
         fixed = self.fixed
         return np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient), self.slope])
 
+    def towards(self, along: np.ndarray | float) -> "Point":
+        """The point with its tangent in the sense of another one, or of a change of the parameter (1 or -1)."""
+        onward = self.tangent[-1] * along if np.ndim(along) == 0 else self.tangent @ along
+        return self if onward >= 0 else self._replace(tangent=-self.tangent)
+
+    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> "Point":
+        """The point of the branch on the plane through `y` across `normal`, with its own derivatives."""
+        return with_derivatives(lent(self, y, normal))
+
+    def judge(self, to: "Point", step: float) -> None:
+        """Refuse a step over which the branch turns too far."""
+        if self.tangent @ to.tangent < SAME_WAY:
+            raise OrbitLost("the branch turns too sharply")
+
+    def settled(self, simplest: bool = True) -> "Point":
+        """The point in another section, if events have come near its own, or (`simplest`) if simpler contact lasts elsewhere.
+
+        Where no orbit is found in another section, and where an end grazes, the point stays in its own.
+        """
+        if self.grazes:
+            return self
+        return self.map.in_own_section(self, self.fixed.image.passage, partial(_moved, self), simplest)
+
+    def elsewhere(self) -> "Iterator[Point]":
+        """The point in the section of each smooth phase of its motion in which Newton's method finds it."""
+        for moved, z in self.map.sections(self.fixed.image.passage):
+            with suppress(OrbitLost):
+                yield _moved(self, moved, z)
+
 
 def slope_of(
-    axis: Axis, m: ReturnMap, z: np.ndarray, value: float, sense: float = 0.0, mark: Mark | None = None
+    axis: Axis, m: ReturnMap, z: np.ndarray, share: float, sense: float = 0.0, mark: Mark | None = None
 ) -> np.ndarray:
     """Derivative of `defect`, and of a mark, by the parameter over its scale; with a `sense` of 1 or -1, to that side only."""
     if axis.name == "spin":
@@ -137,85 +138,64 @@ def slope_of(
         return slope
 
     def at(by: float) -> np.ndarray:
-        there = axis.map_at(m, value + by * axis.scale)
+        there = axis.map_at(m, share + by)
         image = there.image(z)
         fails = defect(there, z, image, axis.spin)
         return fails if mark is None else np.append(fails, mark(there, image))
 
+    def between(ahead: float, back: float) -> np.ndarray:
+        return (at(ahead) - at(back)) / (ahead - back)
+
     if sense:
-        return (at(sense * m.one_sided) - at(0.0)) / (sense * m.one_sided)
-    step = m.step
-    try:
-        return (at(step) - at(-step)) / (2 * step)
-    except OrbitLost:  # at the edge of what the parameter allows
-        here = at(0.0)
-        try:
-            return (at(step) - here) / step
-        except OrbitLost:
-            return (here - at(-step)) / step
-
-
-def point_of(axis: Axis, fixed: Fixed, value: float, along: np.ndarray | None) -> Point:
-    """A point of the branch with its tangent, in the sense of `along` (without: of a growing parameter)."""
-    return _pointed(fixed, value, slope_of(axis, fixed.map, fixed.z, value), along)
+        return between(sense * m.one_sided, 0.0)
+    for ahead, back in ((m.step, -m.step), (m.step, 0.0)):
+        with suppress(OrbitLost):  # at the edge of what the parameter allows
+            return between(ahead, back)
+    return between(0.0, -m.step)
 
 
 @singular_lost()
-def _pointed(fixed: Fixed, value: float, slope: np.ndarray, along: np.ndarray | None) -> Point:
-    """A point with the tangent that follows from its derivatives."""
-    tangent = np.linalg.svd(np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient), slope]))[2][-1]
-    sense = tangent[-1] if along is None else tangent @ along
-    return Point(fixed, value, slope, tangent if sense >= 0 else -tangent)
+def point_of(
+    axis: Axis, fixed: Fixed, value: float, along: np.ndarray | float = 1.0, slope: np.ndarray | None = None
+) -> Point:
+    """A point of the branch with its tangent, in the sense of `along`, see `Point.towards`; and the slope, if it is known."""
+    if slope is None:
+        slope = slope_of(axis, fixed.map, fixed.z, value / axis.scale)
+    point = Point(axis, fixed, value, slope, np.empty(0))
+    return point._replace(tangent=np.linalg.svd(point.matrix())[2][-1]).towards(along)
 
 
-def with_mark(axis: Axis, point: Point, mark: Mark) -> Point:
-    """A point with its derivatives taken anew, and that of a mark."""
-    fixed, m = point.fixed, point.map
-    rows = m.differences(fixed.z, lambda image: np.append(image.point, [image.spin / m.unit, mark(m, image)]))
-    *matrix, gradient, of_mark = rows
-    slope = slope_of(axis, m, fixed.z, point.value, mark=mark)
-    fixed = fixed._replace(matrix=np.array(matrix), gradient=gradient)
-    return _pointed(fixed, point.value, slope[:-1], point.tangent)._replace(mark_slope=np.append(of_mark, slope[-1]))
+def with_derivatives(point: Point, senses: np.ndarray | None = None, mark: Mark | None = None) -> Point:
+    """A point with its derivatives and tangent taken anew, and the derivative of a mark.
 
-
-def one_sided(axis: Axis, point: Point, senses: np.ndarray, along: np.ndarray) -> Point:
-    """A point with its derivatives taken anew, to one side only, and its tangent in the sense of `along`.
-
-    `senses` holds 1 or -1 for the section point and the parameter.
+    With `senses` (1 or -1, for the section point and the parameter) they are taken to one side only.
     """
-    fixed = point.fixed
-    matrix, gradient = fixed.map.jacobian(fixed.z, fixed.image, senses[:-1])
-    slope = slope_of(axis, fixed.map, fixed.z, point.value, senses[-1])
-    return _pointed(fixed._replace(matrix=matrix, gradient=gradient), point.value, slope, along)
+    axis, fixed, m = point.axis, point.fixed, point.map
+
+    def read(image: Image) -> np.ndarray:
+        return np.array([*image.point, image.spin / m.unit, *([] if mark is None else [mark(m, image)])])
+
+    rows = m.differences(fixed.z, read, fixed.image, None if senses is None else senses[:-1])
+    slope = slope_of(axis, m, fixed.z, point.value / axis.scale, 0.0 if senses is None else senses[-1], mark)
+    n = fixed.z.size
+    again = point_of(axis, fixed._replace(matrix=rows[:n], gradient=rows[n]), point.value, point.tangent, slope[:n])
+    return again if mark is None else again._replace(mark_slope=np.append(rows[-1], slope[-1]))
 
 
-def with_derivatives(axis: Axis, point: Point, along: np.ndarray) -> Point:
-    """A point with its derivatives and tangent taken anew."""
-    fixed = point.fixed
-    return point_of(axis, fixed_at(fixed.map, fixed.z, fixed.image, fixed.residual), point.value, along)
-
-
-def lent(axis: Axis, near: Point, y: np.ndarray, normal: np.ndarray, most: int = NEWTON_STEPS) -> Point:
+def lent(near: Point, y: np.ndarray, normal: np.ndarray, most: int = NEWTON_STEPS) -> Point:
     """The point of the branch on the plane through `y` across `normal`, with the derivatives and the tangent of `near`.
 
-    Newton's method may take `most` new derivatives on its way.
-
-    Raises
-    ------
-    OrbitLost
-        If there is none nearby.
+    Newton's method may take `most` new derivatives on its way. It is lost if there is none nearby.
     """
-    m = near.fixed.map
+    axis = near.axis
 
     def derivative(there: np.ndarray) -> np.ndarray:
-        p = there[-1] * axis.scale
-        own = axis.map_at(m, p)
+        own = axis.map_at(near.map, there[-1])
         A = system(own, *own.jacobian(there[:-1]))
-        return np.vstack([np.column_stack([A, slope_of(axis, own, there[:-1], p)]), normal])
+        return np.vstack([np.column_stack([A, slope_of(axis, own, there[:-1], there[-1])]), normal])
 
-    begin = np.vstack([near.matrix(), normal])
-    equations = Equations(axis, near, lambda there, *_: normal @ (there - y))
-    return equations.solved(y, derivative if most else None, begin, most)[0]
+    equations = Equations(near, lambda there, *_: normal @ (there - y))
+    return equations.solved(y, derivative if most else None, np.vstack([near.matrix(), normal]), most)[0]
 
 
 class Equations:
@@ -223,26 +203,24 @@ class Equations:
 
     Parameters
     ----------
-    axis : Axis
     near : Point
     last : callable
         Of section point with parameter, map and image: zero where the other equation holds.
     """
 
-    def __init__(self, axis: Axis, near: Point, last: Callable[[np.ndarray, ReturnMap, Image], float]) -> None:
-        self.axis, self.near, self.last = axis, near, last
+    def __init__(self, near: Point, last: Callable[[np.ndarray, ReturnMap, Image], float]) -> None:
+        self.axis, self.near, self.last = near.axis, near, last
 
     def value(self, there: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
         """How far the equations fail to hold, and the map and image from which this is known."""
-        p = there[-1] * self.axis.scale
-        own = self.axis.map_at(self.near.fixed.map, p)
+        own = self.axis.map_at(self.near.map, there[-1])
         image = own.image(there[:-1])
-        fails = defect(own, there[:-1], image, self.axis.spin_at(p))
+        fails = defect(own, there[:-1], image, self.axis.spin_at(there[-1] * self.axis.scale))
         return np.append(fails, self.last(there, own, image)), (own, image)
 
     def derivative(self, there: np.ndarray, step: float | None = None) -> np.ndarray:
         """Derivative of all equations, by central differences."""
-        step = self.near.fixed.map.step if step is None else step
+        step = self.near.map.step if step is None else step
         steps = step * np.eye(there.size)
         return np.array([(self.value(there + d)[0] - self.value(there - d)[0]) / (2 * step) for d in steps]).T
 
@@ -255,44 +233,38 @@ class Equations:
     ) -> tuple[Point, np.ndarray | None]:
         """The point near `y` at which they hold, with the derivatives and the tangent of `near`, and the last derivative used.
 
-        `derivative`, `known` and `most` are those of `newton`.
-
-        Raises
-        ------
-        OrbitLost
-            If there is none nearby.
+        `derivative`, `known` and `most` are those of `newton`. It is lost if there is none nearby.
         """
-        m = self.near.fixed.map
-        root = newton(self.value, y, derivative, TOLERANCE * m.rtol, known, most)
-        own, image = root.extra
-        residual = float(np.abs(root.value[:-1]).max())
-        fixed = self.near.fixed._replace(map=own, z=root.y[:-1], image=image, residual=residual)
-        point = self.near._replace(
-            fixed=fixed, value=float(root.y[-1] * self.axis.scale), mark_slope=None, grazes=False
-        )
-        return point, root.derivative
+        root = newton(self.value, y, derivative, TOLERANCE * self.near.map.rtol, known, most)
+        return self.point(root.y, root.extra, float(np.abs(root.value[:-1]).max())), root.derivative
+
+    def point(self, y: np.ndarray, extra: tuple[ReturnMap, Image], residual: float = 0.0) -> Point:
+        """The point at a solution, and what `value` returned there."""
+        own, image = extra
+        fixed = self.near.fixed._replace(map=own, z=y[:-1], image=image, residual=residual)
+        return self.near._replace(fixed=fixed, value=float(y[-1] * self.axis.scale), mark_slope=None, grazes=False)
 
 
-def _moved(axis: Axis, point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
+def _moved(point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
     """A point of a branch in another section; `z` is that of its motion there."""
+    axis = point.axis
     fixed = fixed_at(moved, z)
     fixed = fixed._replace(z=z - lag(fixed))  # what is a fixed point in one section is one that creeps in another
-    near = Point(fixed, point.value, slope_of(axis, moved, z, point.value), np.zeros(z.size + 1))
-    normal = np.append(np.zeros(z.size), 1.0)
-    if abs(point.tangent[-1]) < 0.05:  # near a fold the parameter says nothing of where one is
+    slope = slope_of(axis, moved, z, point.value / axis.scale)
+    near = Point(axis, fixed, point.value, slope, np.zeros(z.size + 1))
+    normal = np.eye(z.size + 1)[-1]
+    if abs(point.tangent[-1]) < NEAR_TURN:
         normal = np.linalg.svd(near.matrix())[2][-1]
-    again = axis.on_plane(near, near.y(axis), normal)
-    tangent = again.tangent
-    return again._replace(tangent=tangent if tangent @ _ahead(axis, point, moved, z) >= 0 else -tangent)
+    return near.on_plane(near.y, normal).towards(_ahead(point, moved, z))
 
 
-def _ahead(axis: Axis, point: Point, moved: ReturnMap, z: np.ndarray) -> np.ndarray:
+def _ahead(point: Point, moved: ReturnMap, z: np.ndarray) -> np.ndarray:
     """Where a branch leads from a point, in another section: the way that a motion a little ahead has there."""
-    m, y = point.map, point.y(axis)
+    m = point.map
     onward = np.append(np.zeros(z.size), point.tangent[-1])
     with suppress(OrbitLost):
-        later = y + m.step * point.tangent
-        own = axis.map_at(m, later[-1] * axis.scale)
+        later = point.y + m.step * point.tangent
+        own = point.axis.map_at(m, later[-1])
         passage = own.image(later[:-1]).passage
         phases = (moved.phase - m.phase) % TURN + TURN * np.arange(m.periods)
         places = [own.moved_to(passage, phase) for phase in phases]

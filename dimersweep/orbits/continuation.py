@@ -1,12 +1,12 @@
 """Curves of solutions: steps along them in pseudo-arclength, and where something is zero or changes in a step.
 
-What is followed is a problem: a branch of orbits (`branch.Axis`) or a border in the plane of two parameters
-(`plane_curve.Plane`). A step goes along the tangent, and back to the curve on the plane across it (Keller; Kuznetsov, doi
-10.1007/978-3-031-22007-4, section 10.2).
+What is followed has points that know their neighbours: those of a branch of orbits (`branch.Point`), or of a border in the
+plane of two parameters (`plane_curve.Place`). A step goes along the tangent, and back to the curve on the plane across it
+(Keller; Kuznetsov, doi 10.1007/978-3-031-22007-4, section 10.2).
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from scipy.optimize import brentq
@@ -36,42 +36,42 @@ FOLLOWING = StepLengths(0.02, 0.25, 1e-6, 1.3, 1_000_000)  # its points are what
 SEARCHING = StepLengths(0.1, 0.1, 1e-5, 1.5, 120)  # what is asked for lies between its points
 
 
-P = TypeVar("P", bound=Any)  # a point of a curve, with its `tangent`: of length one, in the sense of the curve
+class OnCurve(Protocol):
+    """A point of a curve: one equation less than unknowns, the last of which is a parameter over its scale.
 
+    Attributes
+    ----------
+    y, tangent : ndarray, shape (n + 1,)
+        All unknowns; of length one, in the sense of the curve.
+    """
 
-class Problem(Protocol[P]):
-    """What a curve is followed for: one equation less than unknowns, the last of which is a parameter over its scale."""
+    @property
+    def y(self) -> np.ndarray: ...
 
-    def y(self, point: P) -> np.ndarray:
-        """All unknowns at a point."""
+    @property
+    def tangent(self) -> np.ndarray: ...
 
-    def on_plane(self, near: P, y: np.ndarray, normal: np.ndarray) -> P:
-        """The point on the plane through `y` across `normal`, in the section of a point nearby.
+    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
+        """The point on the plane through `y` across `normal`, in the section of this one; lost if there is none nearby."""
 
-        Raises
-        ------
-        OrbitLost
-            If there is none nearby.
-        """
+    def judge(self, to: Self, step: float) -> None:
+        """Refuse a step to another point, as `on_plane` does, that is too long for what lies between."""
 
-    def judge(self, a: P, b: P, step: float) -> None:
-        """Refuse a step from one point to another one, as `on_plane` does, that is too long for what lies between."""
-
-    def settled(self, point: P, simplest: bool) -> P:
+    def settled(self, simplest: bool = True) -> Self:
         """The point in the section that suits the next step; (`simplest`) if simpler contact lasts elsewhere, there."""
 
-    def elsewhere(self, point: P) -> Iterable[P]:
+    def elsewhere(self) -> Iterable[Self]:
         """The point in other sections, where its own does not go on."""
 
 
-def steps(
-    problem: Problem[P], begin: P, lengths: StepLengths, window: tuple[float, ...] = ()
-) -> Iterator[tuple[P, P, float | None]]:
-    """Steps of a curve, in the sense of the tangent of the point that it begins with.
+P = TypeVar("P", bound=OnCurve)
+
+
+def steps(begin: P, lengths: StepLengths, window: tuple[float, ...] = ()) -> Iterator[tuple[P, P, float | None]]:
+    """Steps of a curve from a point on, in the sense of its tangent; it is lost where the curve does not go on.
 
     Parameters
     ----------
-    problem : Problem
     begin : point
     lengths : StepLengths
     window : tuple of float
@@ -83,21 +83,16 @@ def steps(
         Both ends of a step, in one section.
     edge : float or None
         The end of the window that `b` lies at; that step is the last one.
-
-    Raises
-    ------
-    OrbitLost
-        Where the curve does not go on.
     """
     point, step = begin, lengths.first
     others: list[P] | None = None  # the point in other sections, where the curve is lost in its own
     for _ in range(lengths.tries):
         try:
-            nxt, edge = _stepped(problem, point, step, window)
+            nxt, edge = _stepped(point, step, window)
         except OrbitLost:
             step *= 0.5
             if step < lengths.shortest:  # the contact at the section may be all that does not go on
-                others = list(problem.elsewhere(point)) if others is None else others
+                others = list(point.elsewhere()) if others is None else others
                 if not others:
                     raise
                 point, step = others.pop(0), lengths.first
@@ -105,56 +100,49 @@ def steps(
         yield point, nxt, edge
         if edge is not None:
             return
-        point = problem.settled(nxt, others is None)
+        point = nxt.settled(others is None)
         step = min(lengths.growth * step, lengths.longest)
         others = [] if others else None
 
 
-def _stepped(problem: Problem[P], point: P, step: float, window: tuple[float, ...]) -> tuple[P, float | None]:
+def _stepped(point: P, step: float, window: tuple[float, ...]) -> tuple[P, float | None]:
     """The point a step further, or the one at an edge of the window that lies before it, and that edge."""
-    y = problem.y(point)
-    ahead = y + step * point.tangent
+    ahead = point.y + step * point.tangent
     for edge in window:
-        if (ahead[-1] - edge) * (y[-1] - edge) < 0:
-            last = _at_edge(problem, point, y, ahead, edge)
-            problem.judge(point, last, step)
+        if (ahead[-1] - edge) * (point.y[-1] - edge) < 0:
+            last = _at_edge(point, point.y, ahead, edge)
+            point.judge(last, step)
             return last, edge
-    nxt = problem.on_plane(point, ahead, point.tangent)
-    problem.judge(point, nxt, step)
-    ahead = problem.y(nxt)
+    nxt = point.on_plane(ahead, point.tangent)
+    point.judge(nxt, step)
     for edge in window:
-        if (ahead[-1] - edge) * (y[-1] - edge) < 0:
-            return _at_edge(problem, nxt, y, ahead, edge), edge
+        if (nxt.y[-1] - edge) * (point.y[-1] - edge) < 0:
+            return _at_edge(nxt, point.y, nxt.y, edge), edge
     return nxt, None
 
 
-def _at_edge(problem: Problem[P], near: P, y: np.ndarray, ahead: np.ndarray, edge: float) -> P:
+def _at_edge(near: P, y: np.ndarray, ahead: np.ndarray, edge: float) -> P:
     """The point at a value of the last unknown that lies between those of `y` and `ahead`."""
     at = y + (edge - y[-1]) / (ahead[-1] - y[-1]) * (ahead - y)
     at[-1] = edge
-    return problem.on_plane(near, at, np.append(np.zeros(at.size - 1), 1.0))
-
-
-def between(problem: Problem[P], a: P, b: P, share: float) -> P:
-    """The point of the curve on the plane at a share of the way from `a` to `b`."""
-    start, way = problem.y(a), problem.y(b) - problem.y(a)
-    return problem.on_plane(a if share < 0.5 else b, start + share * way, way / np.linalg.norm(way))
+    return near.on_plane(at, np.eye(at.size)[-1])
 
 
 class Between(dict[float, P]):
-    """The points of a step by their share of the way, each of them found once."""
+    """The points of a step by their share of the way, on planes across it, each of them found once."""
 
-    def __init__(self, problem: Problem[P], a: P, b: P) -> None:
+    def __init__(self, a: P, b: P) -> None:
         super().__init__({0.0: a, 1.0: b})
-        self.problem, self.a, self.b = problem, a, b
-        self.length = float(np.linalg.norm(problem.y(b) - problem.y(a)))
+        self.way = b.y - a.y
+        self.length = float(np.linalg.norm(self.way))
 
     def __missing__(self, share: float) -> P:
-        self[share] = between(self.problem, self.a, self.b, share)
+        near = self[0.0] if share < 0.5 else self[1.0]
+        self[share] = near.on_plane(self[0.0].y + share * self.way, self.way / self.length)
         return self[share]
 
 
-def zero(at: "Between[P]", test: Callable[[P], float], known: float) -> float | None:
+def zero(at: Between[P], test: Callable[[P], float], known: float) -> float | None:
     """The share of a step, so well `known`, at which a test function that changes its sign is zero.
 
     None if it leaps over zero, or a point is not found.

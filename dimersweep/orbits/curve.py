@@ -74,12 +74,6 @@ def shortened(reason: str) -> str:
     return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
 
 
-def stability_columns(kind: Kind, found: Collection[Found]) -> dict[str, Column]:
-    """What points of a border say of stability: whether it is lost there, and the coefficient of a flip."""
-    loses = {"loses_stability": ([one.loses for one in found], "whether a stable orbit loses its stability there")}
-    return loses | ({"doubling": ([one.doubling for one in found], DOUBLING)} if kind.doubles else {})
-
-
 def crossings(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
     """Test functions along a border, by the names of the two borders that meet where one changes its sign."""
     values = kind.others(orbit.multipliers)
@@ -93,7 +87,9 @@ class Curve(ABC):
     Attributes
     ----------
     alone : bool
-        Whether each point is looked for by itself, and not from its neighbours.
+        Whether each point is looked for by itself. Else points are found from their neighbours, the first one on a branch.
+    many : bool
+        Whether a motion may have several such borders, so that points that are followed are confirmed.
 
     Parameters
     ----------
@@ -109,19 +105,17 @@ class Curve(ABC):
     """
 
     alone = False
-    many = False  # whether a motion may have several such borders, so that points that are followed are confirmed
+    many = False
+    kind: Any
 
-    def __init_subclass__(cls, of: type[Kind] | None = None) -> None:
-        if of is not None:
-            of.curve = cls
+    def __init_subclass__(cls, of: type[Kind]) -> None:
+        of.curve = cls
 
     def __init__(self, kind: Kind, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
         self.kind, self.parameter, self.given, self.spin, self.rtol = kind, parameter, given, spin, rtol
-        scale = abs(value_of(parameter, given)) or 1.0
-        self.axis = Axis(parameter, scale, spin)
+        self.axis = Axis(parameter, abs(value_of(parameter, given)) or 1.0, spin)
         self.tape = Tape()
 
-    @abstractmethod
     def point(self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None) -> Found:
         """The point of the border at values of the other parameters.
 
@@ -138,6 +132,15 @@ class Curve(ABC):
         OrbitLost, OrbitError
             If none is found.
         """
+        spent, given = self.tape.periods, self.given | values
+        if near:
+            found = self._stepped(given, near)
+        else:
+            found = self._first(given, start)
+            there = found.orbit.parameters  # those of the start
+            if any(there.get(name, value) != value for name, value in given.items() if name != self.parameter):
+                found = self._stepped(given, [found])
+        return found._replace(cost=self.tape.periods - spent)
 
     def status(self, found: Found) -> str:
         """The status of a point that is found: ok, or why there may be others."""
@@ -148,8 +151,78 @@ class Curve(ABC):
         return True
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
-        """What a table of points of this kind says more."""
-        return {}
+        """What a table of points of this kind says more: whether stability is lost there, and the coefficient of a flip."""
+        loses = {"loses_stability": ([one.loses for one in found], "whether a stable orbit loses its stability there")}
+        return loses | ({"doubling": ([one.doubling for one in found], DOUBLING)} if self.kind.doubles else {})
+
+    # --- in the plane of two parameters: see `plane_curve` ----------------------------------------------------------
+
+    def system(self, m: ReturnMap, near: Found) -> Any:
+        """The equations of the border near a point, `value` and `derivative`, with the map of other parameters.
+
+        It is lost if it has none there.
+        """
+        raise NotImplementedError
+
+    def made(self, u: np.ndarray, extra: Any, near: Found) -> Found:
+        """The point of the border at a solution of these equations, and what they returned there beside their value."""
+        raise NotImplementedError
+
+    def tests(self, found: Found) -> dict[str, float]:
+        """Functions that change their sign where the curve meets another border, by the names of both."""
+        raise NotImplementedError
+
+    # --- from one point to the next --------------------------------------------------------------------------------
+
+    def _next(self, given: dict[str, float], near: list[Found]) -> Found:
+        """The point one step from neighbours in one section."""
+        raise NotImplementedError
+
+    def _stepped(self, given: dict[str, float], near: list[Found]) -> Found:
+        """The point reached from neighbours, or from the nearest in two steps, or four, and so on, where one is too wide."""
+        try:
+            return self._next(given, list(takewhile(near[0].alike, near)))
+        except OrbitLost:
+            return self._by_halves(given, near[0], HALVINGS)
+
+    def _by_halves(self, given: dict[str, float], near: Found, depth: int) -> Found:
+        known = near.orbit.parameters
+        middle = {name: 0.5 * (value + known.get(name, value)) for name, value in given.items()}
+        for target in (middle, given):
+            try:
+                near = self._next(target, [near])
+            except OrbitLost:
+                if depth == 0:
+                    raise
+                near = self._by_halves(target, near, depth - 1)
+        return near
+
+    def extrapolated(self, near: list[Found]) -> np.ndarray:
+        """The next point on the line or parabola through neighbours at equal distances."""
+        weights = ((1.0,), (2.0, -1.0), (3.0, -3.0, 1.0))[len(near) - 1]
+        return sum(weight * one.begin.y for weight, one in zip(weights, near, strict=True))
+
+    # --- the first point: on a branch ------------------------------------------------------------------------------
+
+    def _first(self, given: dict[str, float], start: PeriodicOrbit | None) -> Found:
+        """A point of the curve, on the branch through the start or one of the orbits at the given parameters."""
+        reasons: list[str] = []
+        for orbit in [start] if start is not None else self._starts(given, reasons):
+            try:
+                return self._from(orbit)
+            except (OrbitError, OrbitLost) as reason:
+                reasons.append(str(reason))
+        raise OrbitError(shortened(f"no {self.kind.name} was met; {'; '.join(dict.fromkeys(reasons))}"))
+
+    @abstractmethod
+    def _from(self, orbit: PeriodicOrbit) -> Found:
+        """The point of the border on the branch through an orbit; lost if there is none."""
+
+    def _ways(self, orbit: PeriodicOrbit) -> list[Point]:
+        """The first point of the branch through an orbit, in each sense of the parameter in which the border is looked for."""
+        fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, tape=self.tape))
+        begin = point_of(self.axis, fixed, value_of(self.parameter, orbit.parameters))
+        return [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
 
     def _starts(self, given: dict[str, float], reasons: list[str]) -> Iterator[PeriodicOrbit]:
         """Orbits from which the border is looked for: first stable ones, which runs come to; last those of other motions.
@@ -171,108 +244,14 @@ class Curve(ABC):
 
     def _places(self, given: dict[str, float]) -> Iterator[dict[str, float]]:
         """Where an orbit is looked for: between the ball's fold and flip."""
-        if self.parameter not in ("Gamma", "e"):
+        if self.parameter == "Gamma":
+            e = value_of("e_2", given)
+            low, wide = ball_fold(e), ball_flip(e) - ball_fold(e)
+        elif self.parameter == "e":
+            low = max(0.0, (pi - given["Gamma"]) / (pi + given["Gamma"]))  # the ball's fold
+            wide = 0.5 * (1 - low)
+        else:
             yield {}
             return
         for share in self.kind.shares:
-            if self.parameter == "Gamma":
-                e = value_of("e_2", given)
-                yield {"Gamma": ball_fold(e) + share * (ball_flip(e) - ball_fold(e))}
-            else:
-                least = (pi - given["Gamma"]) / (pi + given["Gamma"])  # the ball's fold
-                yield {"e": max(0.0, least) + share * (1 - max(0.0, least)) * 0.5}
-
-    def _begun(self, orbit: PeriodicOrbit) -> Point:
-        """The first point of a branch, in the sense of a growing parameter."""
-        fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, tape=self.tape))
-        return point_of(self.axis, fixed, value_of(self.parameter, orbit.parameters), None)
-
-
-class FollowedCurve(Curve):
-    """A border whose points are found from their neighbours, the first one on a branch: see `Curve`."""
-
-    def point(self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None) -> Found:
-        spent = self.tape.periods
-        given = self.given | values
-        found = self._stepped(given, near) if near else self._beginning(given, start)
-        return found._replace(cost=self.tape.periods - spent)
-
-    # --- in the plane of two parameters: see `plane_curve` ----------------------------------------------------------
-
-    @abstractmethod
-    def system(self, m: ReturnMap, near: Found) -> Any:
-        """The equations of the border near a point, `value` and `derivative`, with the map of other parameters.
-
-        Raises
-        ------
-        OrbitLost
-            If it has none there.
-        """
-
-    @abstractmethod
-    def made(self, u: np.ndarray, extra: Any, near: Found) -> Found:
-        """The point of the border at a solution of these equations, and what they returned there beside their value."""
-
-    @abstractmethod
-    def tests(self, found: Found) -> dict[str, float]:
-        """Functions that change their sign where the curve meets another border, by the names of both."""
-
-    # --- from one point to the next --------------------------------------------------------------------------------
-
-    @abstractmethod
-    def _next(self, given: dict[str, float], near: list[Found]) -> Found:
-        """The point one step from neighbours in one section."""
-
-    def _stepped(self, given: dict[str, float], near: list[Found]) -> Found:
-        try:
-            return self._next(given, list(takewhile(near[0].alike, near)))
-        except OrbitLost:
-            return self._by_halves(given, near[0], HALVINGS)
-
-    def _by_halves(self, given: dict[str, float], near: Found, depth: int) -> Found:
-        """The point reached in two steps, or four, and so on, where one step from its neighbour is too wide."""
-        known = near.orbit.parameters
-        middle = {name: 0.5 * (value + known.get(name, value)) for name, value in given.items()}
-        for target in (middle, given):
-            try:
-                near = self._next(target, [near])
-            except OrbitLost:
-                if depth == 0:
-                    raise
-                near = self._by_halves(target, near, depth - 1)
-        return near
-
-    def extrapolated(self, near: list[Found]) -> np.ndarray:
-        """The next point on the line or parabola through neighbours at equal distances."""
-        ys = [one.begin.y(self.axis) for one in near]
-        weights = ((1.0,), (2.0, -1.0), (3.0, -3.0, 1.0))[len(ys) - 1]
-        return sum(weight * y for weight, y in zip(weights, ys, strict=True))
-
-    # --- the first point: on a branch ------------------------------------------------------------------------------
-
-    def _beginning(self, given: dict[str, float], start: PeriodicOrbit | None) -> Found:
-        """The first point of the curve: found on a branch at an orbit's parameters, then carried to those that are given."""
-        first = self._first(given, start)
-        found = first.orbit.parameters
-        if all(found[name] == value for name, value in given.items() if name != self.parameter and name in found):
-            return first
-        return self._stepped(given, [first])
-
-    def _first(self, given: dict[str, float], start: PeriodicOrbit | None) -> Found:
-        reasons: list[str] = []
-        for orbit in [start] if start is not None else self._starts(given, reasons):
-            try:
-                return self._from(orbit)
-            except (OrbitError, OrbitLost) as reason:
-                reasons.append(str(reason))
-        raise OrbitError(shortened(f"no {self.kind.name} was met; {'; '.join(dict.fromkeys(reasons))}"))
-
-    @abstractmethod
-    def _from(self, orbit: PeriodicOrbit) -> Found:
-        """The point of the border on the branch through an orbit.
-
-        Raises
-        ------
-        OrbitLost
-            If there is none.
-        """
+            yield {self.parameter: low + share * wide}

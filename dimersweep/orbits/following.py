@@ -1,6 +1,5 @@
 """Follow an orbit along a branch, through folds, with its stability, its words and its special points."""
 
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -21,6 +20,7 @@ from dimersweep.orbits.specials import Special, doubled, specials
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
+BEYOND_WORD = "word: the orbit does not go on beyond its word; the next one found has the word"
 LEAST_SCALE = 1e-3  # of a parameter, where it and its target are both near zero
 
 
@@ -78,8 +78,19 @@ def follow(
     >>> bool(branch["stable"].all())
     True
     """
-    trace = traced(orbit, parameter, to, check_count("points", points), switch, words)
-    return _dataset(trace.entries, parameter, trace.end, trace.cost)
+    rows, end, cost = traced(orbit, parameter, to, check_count("points", points), switch, words)
+    kinds = [row.kind for row in rows]
+    special = [("word" if kind.of_word else kind.name) if kind else "" for kind in kinds]
+    columns: dict[str, Column] = {
+        "special": (special, "kind of special point"),
+        "change": ([kind.name if kind and kind.of_word else "" for kind in kinds], "what changes in the word"),
+        "jump": ([row.jump for row in rows], "jump of the orbit, in units of the section"),
+    }
+    if parameter != "spin":
+        columns[parameter] = ([row.value for row in rows], PARAMETERS[parameter])
+    table = dataset([row.orbit for row in rows], "point", columns)
+    table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
+    return table.set_coords(parameter)
 
 
 class Trace(NamedTuple):
@@ -95,64 +106,33 @@ def traced(
 ) -> Trace:
     """The points of a branch; see `follow`."""
     axis, start, to = _axis(orbit, parameter, to)
-    tape = Tape()
-    try:
-        point = _begin(axis, orbit.fixed._replace(map=replace(orbit.fixed.map, tape=tape)), start, to)
-    except OrbitLost as reason:
-        return Trace([BranchRow(orbit, start)], f"lost: {reason}", tape.periods)
     edges = {
         to / axis.scale: (to, "to: the value asked for is reached"),
         start / axis.scale: (start, "back: the branch has turned round to its start"),
     }
-    entries = [_entry(point)]
+    rows, end, tape = [BranchRow(orbit, start)], "", Tape()
     try:
-        end = _followed(axis, point, edges, entries, points, switch, words)
+        point = _begin(axis, orbit.fixed._replace(map=replace(orbit.fixed.map, tape=tape)), start).towards(to - start)
+        rows, taken = [_row(point)], steps(point, FOLLOWING, tuple(edges))
+        while not end and sum(row.kind is None for row in rows) < points:
+            a, b, edge = next(taken)
+            found, leap = specials(a, b, words)
+            flip = next((k for k, special in enumerate(found) if switch and special.kind is FLIP), None)
+            rows += [_row(special.point, special) for special in found[: None if flip is None else flip + 1]]
+            if leap is not None:
+                point, end = leap.point, f"{BEYOND_WORD} {leap.words[1]}"
+            elif flip is not None:
+                point, switch = doubled(found[flip].point), False
+                taken = steps(point, FOLLOWING, tuple(edges))
+            elif edge is not None:
+                value, end = edges[edge]
+                point = b._replace(value=value)
+            else:
+                point = b
+            rows.append(_row(point))
     except OrbitLost as reason:
         end = f"lost: {reason}"
-    return Trace(entries, end, tape.periods)
-
-
-def _followed(
-    axis: Axis,
-    begin: Point,
-    edges: dict[float, tuple[float, str]],
-    entries: list[BranchRow],
-    points: int,
-    switch: bool,
-    words: bool,
-) -> str:
-    """Enter the points of a branch from one on; why it ends.
-
-    `edges` has the values of the parameter at which it ends, and why, by those over the scale.
-
-    Raises
-    ------
-    OrbitLost
-        Where it does not go on.
-    """
-    taken = steps(axis, begin, FOLLOWING, tuple(edges))
-    while sum(entry.kind is None for entry in entries) < points:
-        a, b, edge = next(taken)
-        found, leap = specials(axis, a, b, words)
-        flips = [special for special in found if special.kind is FLIP] if switch else []
-        kept = found[: found.index(flips[0]) + 1] if flips else found
-        entries += [_entry(special.point, special) for special in kept]
-        if leap is not None:
-            entries.append(_entry(leap.point))
-            return f"word: the orbit does not go on beyond its word; the next one found has the word {leap.words[1]}"
-        if flips:
-            try:
-                twice = doubled(axis, flips[0].point)
-            except OrbitLost as reason:
-                raise OrbitLost(f"no branch of twice the period was found ({reason})") from reason
-            entries.append(_entry(twice))
-            return _followed(axis, twice, edges, entries, points, False, words)
-        if edge is not None:
-            value, why = edges[edge]
-            entries.append(_entry(b._replace(value=value)))
-            return why
-        entries.append(_entry(b))
-    return f"points: {points} points were asked for"
+    return Trace(rows, end or f"points: {points} points were asked for", tape.periods)
 
 
 def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str) -> tuple[Axis, float, float]:
@@ -169,41 +149,17 @@ def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str) -> tuple[Axis, 
     return Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), orbit.spin), value, to
 
 
-def _begin(axis: Axis, fixed: Fixed, value: float, to: float) -> Point:
-    """The first point of the branch, in its section or, where that has no derivatives, in another one.
-
-    Raises
-    ------
-    OrbitLost
-        If no section has them.
-    """
+def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:
+    """The first point of the branch, in its section or, where that has no derivatives, in another one; lost if none has."""
     try:
-        start = point_of(axis, fixed, value, None)
+        return point_of(axis, fixed, value)
     except OrbitLost:
         for m, z in fixed.map.sections(fixed.image.passage):
             with suppress(OrbitLost):
-                start = point_of(axis, solve(m, z, axis.spin_at(value)), value, None)
-                break
-        else:
-            raise
-    return start if to > value else start._replace(tangent=-start.tangent)
+                return point_of(axis, solve(m, z, axis.spin_at(value)), value)
+        raise
 
 
-def _entry(point: Point, special: Special | None = None) -> BranchRow:
+def _row(point: Point, special: Special | None = None) -> BranchRow:
     orbit = orbit_of(point.fixed, creep_of(point.fixed))
     return BranchRow(orbit, point.value, special.kind, special.jump) if special else BranchRow(orbit, point.value)
-
-
-def _dataset(entries: Sequence[BranchRow], parameter: str, end: str, cost: float) -> xr.Dataset:
-    kinds = [entry.kind for entry in entries]
-    special = [("word" if kind.of_word else kind.name) if kind else "" for kind in kinds]
-    columns: dict[str, Column] = {
-        "special": (special, "kind of special point"),
-        "change": ([kind.name if kind and kind.of_word else "" for kind in kinds], "what changes in the word"),
-        "jump": ([entry.jump for entry in entries], "jump of the orbit, in units of the section"),
-    }
-    if parameter != "spin":
-        columns[parameter] = ([entry.value for entry in entries], PARAMETERS[parameter])
-    table = dataset([entry.orbit for entry in entries], "point", columns)
-    table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
-    return table.set_coords(parameter)

@@ -13,10 +13,9 @@ import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_count, check_rtol, number
-from dimersweep.orbits.bifurcation_curve import BorderEquations
-from dimersweep.orbits.branch import Axis, Equations
+from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.continuation import FOLLOWING, LOCATED, SAME_WAY, Between, halved, steps, zero
-from dimersweep.orbits.curve import FollowedCurve, Found, stability_columns
+from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind, change_of
 from dimersweep.orbits.labelling import Column, dataset
@@ -32,111 +31,91 @@ WORD_LOCATED = 1e-7  # how well a change of word is known, as a share of a step
 
 
 class Place(NamedTuple):
-    """A point of a border in the plane of two parameters.
+    """A point of a border in the plane of two parameters; see `continuation.OnCurve`.
 
     Attributes
     ----------
+    curve : Curve
+        Of the first parameter.
+    other : Axis
+        The second one.
     found : Found
         With the orbit.
     near : Found
         With whose equations, and in whose section, it was found.
-    x : ndarray, shape (n + 1,)
+    y : ndarray, shape (n + 1,)
         All unknowns; the second parameter over its scale is the last one, the first one that before.
     tangent : ndarray, shape (n + 1,)
         Of length one.
-    tests : dict of str to float
-        Functions that change their sign where the curve meets another border.
     """
 
+    curve: Curve
+    other: Axis
     found: Found
     near: Found
-    x: np.ndarray
+    y: np.ndarray
     tangent: np.ndarray
-    tests: dict[str, float]
 
-
-class Plane:
-    """A border in the plane of two parameters, as a problem for `continuation`.
-
-    Parameters
-    ----------
-    curve : FollowedCurve
-        Of the first parameter.
-    other : Axis
-        The second one.
-    """
-
-    def __init__(self, curve: FollowedCurve, other: Axis) -> None:
-        self.curve, self.other = curve, other
-
-    def y(self, place: Place) -> np.ndarray:
-        """All unknowns."""
-        return place.x
-
-    def judge(self, a: Place, b: Place, step: float) -> None:
+    def judge(self, to: "Place", step: float) -> None:
         """Refuse a step over which the curve turns too far, or to a point whose derivatives are of two maps."""
-        if np.linalg.norm(b.x - a.x) > step / SAME_WAY or a.tangent @ b.tangent < SAME_WAY:
+        if np.linalg.norm(to.y - self.y) > step / SAME_WAY or self.tangent @ to.tangent < SAME_WAY:
             raise OrbitLost("the curve turns too sharply")
-        if step >= SHORT_ARC and _at_kink(b.found):
+        if step >= SHORT_ARC and _at_kink(to.found):
             raise OrbitLost("the map has a kink there")
 
-    def elsewhere(self, place: Place) -> tuple[Place, ...]:
+    def elsewhere(self) -> "tuple[Place, ...]":
         """None: a point of a border is in the section that suits it."""
         return ()
 
-    def settled(self, place: Place, simplest: bool = True) -> Place:
+    def settled(self, simplest: bool = True) -> "Place":
         """The point with the unknowns of its own section."""
-        found = place.found
-        x = np.append(found.begin.y(self.curve.axis), found.orbit.parameters[self.other.name] / self.other.scale)
-        same = found.begin.map.phase == place.near.begin.map.phase and x.size == place.x.size
-        return self._placed(found, found, x, place.tangent if same else place.tangent[-2:])
+        found = self.found
+        y = np.append(found.begin.y, found.orbit.parameters[self.other.name] / self.other.scale)
+        same = found.begin.map.phase == self.near.begin.map.phase and y.size == self.y.size
+        along = self.tangent if same else self.tangent[-2:]
+        return self._replace(near=found, y=y)._tangential(along)
 
-    def first(self, found: Found) -> Place:
-        """The point that a curve begins with, in the sense of a growing second parameter."""
-        return self.settled(Place(found, found, np.empty(0), np.array([0.0, 1.0]), {}))
+    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> "Place":
+        """The point of the curve on the plane through `y` across `normal`."""
 
-    def on_plane(self, near: Place, y: np.ndarray, normal: np.ndarray) -> Place:
-        """The point of the curve on the plane through `y` across `normal`; see `Problem`."""
+        def value(there: np.ndarray) -> tuple[np.ndarray, Any]:
+            fails, extra = self._value(there)
+            return np.append(fails, normal @ (there - y)), extra
 
-        def value(x: np.ndarray) -> tuple[np.ndarray, Any]:
-            fails, extra = self._value(near.near, x)
-            return np.append(fails, normal @ (x - y)), extra
-
-        def derivative(x: np.ndarray) -> np.ndarray:
-            return np.vstack([self._derivative(near.near, x), normal])
+        def derivative(there: np.ndarray) -> np.ndarray:
+            return np.vstack([self._derivative(there), normal])
 
         root = newton(value, y, derivative, TOLERANCE * self.curve.rtol)
-        return self._placed(self.curve.made(root.y[:-1], root.extra, near.near), near.near, root.y, near.tangent)
+        found = self.curve.made(root.y[:-1], root.extra, self.near)
+        return self._replace(found=found, y=root.y)._tangential(self.tangent)
 
-    def _system(self, near: Found, x: np.ndarray) -> Equations | BorderEquations:
+    def _system(self, y: np.ndarray) -> Any:
         """The equations of the border at the second parameter."""
-        return self.curve.system(self.other.map_at(near.begin.map, x[-1] * self.other.scale), near)
+        return self.curve.system(self.other.map_at(self.near.begin.map, y[-1]), self.near)
 
-    def _value(self, near: Found, x: np.ndarray) -> tuple[np.ndarray, Any]:
-        return self._system(near, x).value(x[:-1])
+    def _value(self, y: np.ndarray) -> tuple[np.ndarray, Any]:
+        return self._system(y).value(y[:-1])
 
-    def _derivative(self, near: Found, x: np.ndarray) -> np.ndarray:
+    def _derivative(self, y: np.ndarray) -> np.ndarray:
         """Of all equations, shape (n, n + 1)."""
-        step = near.begin.map.step * np.append(np.zeros(x.size - 1), 1.0)
-        ahead, back = (self._value(near, x + by * step)[0] for by in (1, -1))
-        return np.column_stack([self._system(near, x).derivative(x[:-1]), (ahead - back) / (2 * step[-1])])
+        step = self.near.begin.map.step
+        ahead, back = (self._value(y + by * step * np.eye(y.size)[-1])[0] for by in (1, -1))
+        return np.column_stack([self._system(y).derivative(y[:-1]), (ahead - back) / (2 * step)])
 
     @singular_lost()
-    def _placed(self, found: Found, near: Found, x: np.ndarray, along: np.ndarray) -> Place:
-        """A point with its tangent, in the sense of `along`, of all unknowns or the last ones."""
-        tangent = np.linalg.svd(self._derivative(near, x))[2][-1]
-        tangent = tangent if tangent[-along.size :] @ along >= 0 else -tangent
-        return Place(found, near, x, tangent, self.curve.tests(found))
+    def _tangential(self, along: np.ndarray) -> "Place":
+        """The point with its tangent, in the sense of `along`, of all unknowns or the last ones."""
+        tangent = np.linalg.svd(self._derivative(self.y))[2][-1]
+        return self._replace(tangent=tangent if tangent[-along.size :] @ along >= 0 else -tangent)
 
-    def special(self, a: Place, b: Place) -> list[tuple[Place, str]]:
-        """Where the curve meets other borders, or turns round, between two of its points, in their order."""
-        at, kind = Between(self, a, b), self.curve.kind
-        turns = {f"turn {self.curve.parameter}": -2, f"turn {self.other.name}": -1}
-        tests = {name: partial(_test, name) for name in a.tests}
-        tests |= {name: partial(_slope, k) for name, k in turns.items()}
+    def special(self, b: "Place") -> "list[tuple[Place, str]]":
+        """Where the curve meets other borders, or turns round, up to another of its points, in their order."""
+        at, kind = Between(self, b), self.curve.kind
+        tests = {name: partial(_test, name) for name in self.curve.tests(self.found)}
+        tests |= {f"turn {self.curve.parameter}": partial(_slope, -2), f"turn {self.other.name}": partial(_slope, -1)}
         shares = {name: zero(at, test, LOCATED) for name, test in tests.items()}
         found = [(share, name) for name, share in shares.items() if share is not None]
-        low, word, last = 0.0, a.found.orbit.word, b.found.orbit.word
+        low, word, last = 0.0, self.found.orbit.word, b.found.orbit.word
         while kind.rows and word != last and len(found) < MOST_CHANGES:
             low, high = halved(lambda share: at[share].found.orbit.word, low, 1.0, WORD_LOCATED)
             if high - low > WORD_LOCATED:
@@ -146,13 +125,13 @@ class Plane:
             low, word = high, after
         return [(at[share], name) for share, name in sorted(found)]
 
-    def to_end(self, begin: Place, span: tuple[float, float], points: int) -> tuple[list[tuple[Place, str]], str]:
-        """The points of a curve from one on, each with what is special there, and why it ends."""
+    def to_end(self, span: tuple[float, float], points: int) -> "tuple[list[tuple[Place, str]], str]":
+        """The points of a curve from this one on, each with what is special there, and why it ends."""
         rows: list[tuple[Place, str]] = []
         edges = {value / self.other.scale: value for value in span}
         try:
-            for a, b, edge in islice(steps(self, begin, FOLLOWING, tuple(edges)), points):
-                rows += [*self.special(a, b), (b, "")]
+            for a, b, edge in islice(steps(self, FOLLOWING, tuple(edges)), points):
+                rows += [*a.special(b), (b, "")]
                 if edge is not None:
                     return rows, f"{self.other.name} = {edges[edge]:g} is reached"
         except OrbitLost as reason:
@@ -161,7 +140,7 @@ class Plane:
 
 
 def _test(name: str, place: Place) -> float:
-    return place.tests[name]
+    return place.curve.tests(place.found)[name]
 
 
 def _slope(k: int, place: Place) -> float:
@@ -235,13 +214,14 @@ def border_curve(
     low, high, given, border = _judged(kind, parameter, other, span, fixed)
     spin, points = checked_spin(spin, given), check_count("points", points)
     curve = border.curve(border, parameter, given, spin, check_rtol(rtol))
-    plane = Plane(curve, Axis(other, max(abs(low), abs(high)), spin))
     try:
-        begin = plane.first(curve.point({}, [], start))
+        found = curve.point({}, [], start)
+        axis = Axis(other, max(abs(low), abs(high)), spin)
+        begin = Place(curve, axis, found, found, np.empty(0), np.array([0.0, 1.0])).settled()
     except OrbitLost as reason:
         raise OrbitError(f"no curve of a {kind} is begun at {other} = {given[other]:.6g}: {reason}") from reason
-    back, before = plane.to_end(begin._replace(tangent=-begin.tangent), (low, high), points)
-    on, after = plane.to_end(begin, (low, high), points)
+    back, before = begin._replace(tangent=-begin.tangent).to_end((low, high), points)
+    on, after = begin.to_end((low, high), points)
     return _table(curve, other, [*back[::-1], (begin, ""), *on], [before, after])
 
 
@@ -274,14 +254,14 @@ def _judged(
     return low, high, checked(fixed | {other: 0.5 * (low + high)}), BORDER_KINDS[kind]
 
 
-def _table(curve: FollowedCurve, other: str, rows: list[tuple[Place, str]], ends: list[str]) -> xr.Dataset:
+def _table(curve: Curve, other: str, rows: list[tuple[Place, str]], ends: list[str]) -> xr.Dataset:
     found = [place.found for place, _ in rows]
     meets = "the two borders that meet there, or the parameter in which the curve turns"
     both: dict[str, Column] = {
         curve.parameter: ([one.value for one in found], PARAMETERS[curve.parameter]),
         other: ([one.orbit.parameters[other] for one in found], PARAMETERS[other]),
     }
-    columns = both | stability_columns(curve.kind, found) | {"meets": ([special for _, special in rows], meets)}
+    columns = both | Curve.columns(curve, found) | {"meets": ([special for _, special in rows], meets)}
     table = dataset([one.orbit for one in found], "point", columns)
     table.attrs |= {"kind": curve.kind.name, "parameter": curve.parameter, "other": other, "ends": ends}
     table.attrs |= {"spin": curve.spin, "cost": curve.tape.periods}

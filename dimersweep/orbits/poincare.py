@@ -5,7 +5,7 @@ coordinates of `period_map.NAMES` that are free in the contact there, in their u
 rest is the fast part. The cost of all that is asked here is counted in forcing periods.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypeVar
@@ -41,6 +41,7 @@ FIRST_ROWS, ROWS_GROWTH, MOST_ROWS = 400, 4, 2_000_000
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
+A = TypeVar("A")
 T = TypeVar("T")
 
 
@@ -55,6 +56,17 @@ def singular_lost() -> Iterator[None]:
         yield
     except np.linalg.LinAlgError as error:
         raise OrbitLost(f"the derivatives there are of no use ({error})") from error
+
+
+def first_found(make: Callable[[A], T], choices: Iterable[A]) -> T:
+    """What is made of the first of some choices of which it can be made; of none, it is lost for the last one's reason."""
+    reason = OrbitLost("there is nothing to begin with")
+    for choice in choices:
+        try:
+            return make(choice)
+        except OrbitLost as error:
+            reason = error
+    raise reason
 
 
 class Image(NamedTuple):

@@ -8,22 +8,23 @@ orbits.
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from itertools import takewhile
 from typing import cast
 
 import numpy as np
 
-from dimersweep.orbits.branch import Axis, Equations, Mark, Point, lent, with_mark
-from dimersweep.orbits.continuation import SEARCHING, between, steps
-from dimersweep.orbits.curve import FollowedCurve, Found
+from dimersweep.orbits.branch import Equations, Mark, Point, lent, with_derivatives
+from dimersweep.orbits.continuation import SEARCHING, Between, steps
+from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.kinds import COMPLEX, FLIP, FOLD, WORD, Change, change_of
 from dimersweep.orbits.labelling import Column
 from dimersweep.orbits.manifold import lag, multipliers_of
 from dimersweep.orbits.newton import defect, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, singular_lost
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, first_found, singular_lost
 from dimersweep.orbits.specials import MOST_CHANGES, Special, graze, last_with, least_gap, specials
-from dimersweep.orbits.stability_end import across, is_stable, last_that, stays_stable
+from dimersweep.orbits.stability_end import across, beyond_gap, is_stable, last_that
 from dimersweep.orbits.word import Sides, far_ends, rests, sides_of
 
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
@@ -44,14 +45,14 @@ def comes_to_rest(point: Point) -> bool:
     return rests(point.word)
 
 
-def crept(axis: Axis, at: Point, mark: Mark) -> float:
+def crept(at: Point, mark: Mark) -> float:
     """The parameter where a mark of the motion that creeps is zero, near a fixed point at which it is.
 
     The fixed point is another one in each section, the motion is not (see `manifold`).
     """
     along = cast(np.ndarray, at.mark_slope) @ at.tangent / at.tangent[-1]
     of_motion = mark(at.map, at.map.image(at.fixed.z + lag(at.fixed)))
-    return float(at.value - axis.scale * (of_motion - mark(at.map, at.fixed.image)) / along)
+    return float(at.value - at.axis.scale * (of_motion - mark(at.map, at.fixed.image)) / along)
 
 
 def _has_turned(orbit: PeriodicOrbit) -> bool:
@@ -60,10 +61,9 @@ def _has_turned(orbit: PeriodicOrbit) -> bool:
     return bool((real > 1).sum() % 2)
 
 
-class WordCurve(FollowedCurve, of=Change):
+class WordCurve(Curve, of=Change):
     """A curve along which the word changes: see `Curve`."""
 
-    kind: Change
     many = True
 
     def status(self, found: Found) -> str:
@@ -76,7 +76,7 @@ class WordCurve(FollowedCurve, of=Change):
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
         words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
         changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found]
-        columns: dict[str, Column] = {"change": (changes, words)}
+        columns = super().columns(found) | {"change": (changes, words)}
         if most := max(len(one.several) for one in found):
             values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found])
             columns["several"] = (values, f"{self.parameter} of all such changes along the branch of the stable orbit")
@@ -87,9 +87,8 @@ class WordCurve(FollowedCurve, of=Change):
 
         Of a motion that comes to no rest others are not known: there steps lead from one piece of the branch to any other.
         """
-        begin = self._begun(orbit)
-        ways = [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
-        if not comes_to_rest(begin):
+        ways = self._ways(orbit)
+        if not comes_to_rest(ways[0]):
             return self._taken_up(self._first_met(ways))
         changes = [special for way in ways for special in self._changes(way)]
         if not changes and orbit.stable and far_ends(orbit.word) == 1:
@@ -120,7 +119,7 @@ class WordCurve(FollowedCurve, of=Change):
     def _first_met(self, ways: list[Point]) -> Special:
         for way in ways:
             with suppress(OrbitLost):
-                for a, b, _ in steps(self.axis, way, SEARCHING):
+                for a, b, _ in steps(way, SEARCHING):
                     for special in self._specials(a, b)[0]:
                         if self._is_met(special):
                             return special
@@ -132,7 +131,7 @@ class WordCurve(FollowedCurve, of=Change):
         for _ in range(MOST_CHANGES):
             last = point
             try:
-                for first, end, _ in steps(self.axis, point, SEARCHING):
+                for first, end, _ in steps(point, SEARCHING):
                     for a, b in self._parts(first, end, PARTS):
                         found, goes_on = self._specials(a, b)
                         for special in found:
@@ -146,7 +145,7 @@ class WordCurve(FollowedCurve, of=Change):
                 return
             except OrbitLost:
                 try:
-                    last, point = across(comes_to_rest, self.axis, last, sense)
+                    last, point = across(comes_to_rest, last, sense)
                 except OrbitLost:
                     return
             words = last.word, point.word
@@ -161,7 +160,7 @@ class WordCurve(FollowedCurve, of=Change):
             first, last = (self.kind.lines(point.fixed.image) for point in (a, b))
             if (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any():
                 with suppress(OrbitLost):
-                    middle = between(self.axis, a, b, 0.5)
+                    middle = Between(a, b)[0.5]
                     yield from self._parts(a, middle, halvings - 1)
                     yield from self._parts(middle, b, halvings - 1)
                     return
@@ -169,7 +168,7 @@ class WordCurve(FollowedCurve, of=Change):
 
     def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
         """Special points of a step, leaps among them, and whether it leads to orbits of which an end comes to rest."""
-        found, leap = specials(self.axis, a, b)
+        found, leap = specials(a, b)
         if leap is None:
             return found, comes_to_rest(b)
         further, goes_on = self._specials(cast(Point, leap.beyond), b) if rests(leap.words[1]) else ([], False)
@@ -178,16 +177,13 @@ class WordCurve(FollowedCurve, of=Change):
     def _to_pieces(self, ways: list[Point]) -> Found:
         """The last orbit of which an end comes to rest: beyond it is a border for each number of bounces.
 
-        Raises
-        ------
-        OrbitLost
-            If the branch does not go to pieces.
+        It is lost if the branch does not go to pieces.
         """
-        for way in ways:
-            with suppress(OrbitLost):
-                last = last_that(comes_to_rest, self.axis, way)
-                return Found(orbit_of(last.fixed), last.value, self.axis.settled(last))
-        raise OrbitLost(f"no {self.kind.name} is met")
+        try:
+            last = first_found(partial(last_that, comes_to_rest), ways)
+        except OrbitLost as reason:
+            raise OrbitLost(f"no {self.kind.name} is met") from reason
+        return Found(orbit_of(last.fixed), last.value, last.settled())
 
     def _found(self, at: Point, sides: Sides, sense: float) -> Found:
         """A point of the curve, in a section that suits the next one.
@@ -197,8 +193,8 @@ class WordCurve(FollowedCurve, of=Change):
         if at.grazes:
             sense = -float(np.sign(cast(np.ndarray, at.mark_slope)[-1]))  # the end strikes there
         leaps = sense != 0.0 and (self.kind.zero is None or at.grazes)
-        loses = leaps and is_stable(at) and not stays_stable(self.axis, at, sense)
-        return Found(orbit_of(at.fixed), at.value, self.axis.settled(at), sides, loses)
+        loses = leaps and is_stable(at) and beyond_gap(is_stable, at, sense) is None
+        return Found(orbit_of(at.fixed), at.value, at.settled(), sides, loses)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         """The point one step from neighbours, with all others that their motion has."""
@@ -227,32 +223,25 @@ class WordCurve(FollowedCurve, of=Change):
             return self._graze(given, last, sides)
         if mark := self.kind.mark(sides):
             return self._zero(given, last, sides, mark)
-        reason = OrbitLost("")
-        for y, doubt in self._guesses([one for one in near if not one.begin.grazes]):
-            try:
-                found = self._between(given, last, sides, y, doubt)
-            except OrbitLost as error:
-                reason = error
-                continue
-            if len(near) > 1:
-                self._smooth(found.begin, last, y[-1])
-            return found
-        raise reason
+        guesses = self._guesses([one for one in near if not one.begin.grazes])
+        found, aim = first_found(lambda at: (self._between(given, last, sides, *at), at[0][-1]), guesses)
+        if len(near) > 1:
+            self._smooth(found.begin, last, aim)
+        return found
 
     def _smooth(self, at: Point, last: Point, expected: float) -> None:
         """Refuse a point that lies elsewhere than where its curve leads from the last one: beyond a corner are others."""
-        value, before = (point.value / self.axis.scale for point in (at, last))
-        if abs(value - expected) > CORNER + abs(expected - before):
+        if abs(at.y[-1] - expected) > CORNER + abs(expected - last.y[-1]):
             raise OrbitLost(f"the curve has a corner near {self.parameter} = {at.value:.6g}")
 
     # --- between two orbits ----------------------------------------------------------------------------------------
 
     def _guesses(self, near: list[Found]) -> Iterator[tuple[np.ndarray, float]]:
         """Where a change is looked for, and how well its parameter over its scale is known there."""
-        if len(near) == 1:
-            yield self.extrapolated(near), DOUBT
-            return
         y = self.extrapolated(near)
+        if len(near) == 1:
+            yield y, DOUBT
+            return
         yield y, abs(y[-1] - self.extrapolated(near[:-1])[-1])
         yield self.extrapolated(near[:2]), LESS * abs(near[0].value - near[1].value) / self.axis.scale
 
@@ -267,7 +256,7 @@ class WordCurve(FollowedCurve, of=Change):
             words = [end.word for end in ends]
             if sides.between(*words):
                 this, other = ends if sides.here(words[0]) else ends[::-1]
-                change = last_with(self.axis, sides.here, 0.0, this, other)
+                change = last_with(sides.here, 0.0, this, other)
                 if not sides.beyond(change.words[1]):
                     raise OrbitLost(f"another change is nearer at {self.parameter} = {change.point.value:.6g}")
                 return self._found(change.point, sides, float(np.sign(other.value - this.value)))
@@ -282,8 +271,7 @@ class WordCurve(FollowedCurve, of=Change):
         y, _ = self._ahead(given, near, least_gap)
         for opened in OPENED:
             with suppress(OrbitLost):
-                wider = self.axis.settled(self._at(given, near, y + opened * near.tangent))
-                at, struck = graze(self.axis, wider)
+                at, struck = graze(self._at(given, near, y + opened * near.tangent).settled())
                 if sides.between(at.word, struck):
                     self._smooth(at, near, y[-1])
                     return self._found(at, sides, 0.0)
@@ -292,14 +280,16 @@ class WordCurve(FollowedCurve, of=Change):
     def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
         """The orbit at which the function of the kind is zero."""
         y, known = self._ahead(given, near, mark)
-        beside = self._beside(given, near, y)
-        equations = Equations(self.axis, beside, lambda _, m, image: mark(m, image))
+        equations = _equations(self._beside(given, near, y), mark)
         at, _ = equations.solved(y, equations.derivative, known, MOST_DERIVATIVES)
-        if np.abs(at.y(self.axis) - y).max() > POINT_REACH or not sides.here(at.word):
-            raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {beside.value:.6g}")
+        if np.abs(at.y - y).max() > POINT_REACH or not sides.here(at.word):
+            raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {equations.near.value:.6g}")
         self._smooth(at, near, y[-1])
-        at = with_mark(self.axis, at, mark)
-        return self._found(at, sides, 0.0)._replace(value=crept(self.axis, at, mark))
+        return self._at_zero(at, sides, mark)
+
+    def _at_zero(self, at: Point, sides: Sides, mark: Mark) -> Found:
+        at = with_derivatives(at, mark=mark)
+        return self._found(at, sides, 0.0)._replace(value=crept(at, mark))
 
     @singular_lost()
     def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
@@ -308,9 +298,9 @@ class WordCurve(FollowedCurve, of=Change):
         The tangent follows from the image of the neighbour's point a little way towards the new parameters, or away from
         them where an end begins to strike.
         """
-        y, old = near.y(self.axis), near.map.parameters
+        y, old = near.y, near.map.parameters
         if near.mark_slope is None:
-            near = with_mark(self.axis, near, mark)
+            near = with_derivatives(near, mark=mark)
         known = np.vstack([near.matrix(), cast(np.ndarray, near.mark_slope)])
         for part in (TANGENT_SHARE, -TANGENT_SHARE):
             aside = {name: old[name] + part * (value - old[name]) for name, value in given.items() if name in old}
@@ -326,22 +316,18 @@ class WordCurve(FollowedCurve, of=Change):
     # --- in the plane of two parameters ------------------------------------------------------------------------------
 
     def _mark(self, near: Found) -> Mark:
-        """The function of the orbit that is zero on the border near a point."""
+        """The function of the orbit that is zero on the border near a point; lost if there is none."""
         mark = self.kind.mark(near.sides) if near.sides else None
         if mark is None or near.begin.grazes:
             raise OrbitLost("the border has no equation there")
         return mark
 
     def system(self, m: ReturnMap, near: Found) -> Equations:
-        mark, at = self._mark(near), near.begin._replace(fixed=near.begin.fixed._replace(map=m))
-        return Equations(self.axis, at, lambda _, own, image: mark(own, image))
+        return _equations(near.begin._replace(fixed=near.begin.fixed._replace(map=m)), self._mark(near))
 
     def made(self, u: np.ndarray, extra: tuple[ReturnMap, Image], near: Found) -> Found:
-        (m, image), mark = extra, self._mark(near)
-        fixed = near.begin.fixed._replace(map=m, z=u[:-1], image=image, residual=0.0)
-        at = near.begin._replace(fixed=fixed, value=float(u[-1] * self.axis.scale), mark_slope=None)
-        at = with_mark(self.axis, at, mark)
-        return Found(orbit_of(at.fixed), crept(self.axis, at, mark), self.axis.settled(at), near.sides)
+        at = self.system(extra[0], near).point(u, extra)
+        return self._at_zero(at, cast(Sides, near.sides), self._mark(near))
 
     @singular_lost()
     def tests(self, found: Found) -> dict[str, float]:
@@ -353,10 +339,15 @@ class WordCurve(FollowedCurve, of=Change):
 
     def _at(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
         """The orbit at the parameter's value in `y`, in the section of a point nearby."""
-        return lent(self.axis, self._beside(given, near, y), y, np.append(np.zeros(y.size - 1), 1.0), MOST_DERIVATIVES)
+        return lent(self._beside(given, near, y), y, np.eye(y.size)[-1], MOST_DERIVATIVES)
 
     def _beside(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
         """A point of a neighbour, to begin with at other values of the parameters."""
         value = float(y[-1] * self.axis.scale)
         m = replace(near.map, parameters=given | {self.parameter: value})
         return near._replace(fixed=near.fixed._replace(map=m), value=value)
+
+
+def _equations(near: Point, mark: Mark) -> Equations:
+    """The equations of a point at which a mark is zero."""
+    return Equations(near, lambda _, m, image: mark(m, image))
