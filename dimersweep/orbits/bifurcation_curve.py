@@ -8,6 +8,7 @@ difference of two images, whatever the number of coordinates. From one point of 
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -244,7 +245,7 @@ class BifurcationCurve(Curve, of=Bifurcation):
             m = replace(special.point.map, spin=self.spin, back=back)
             return self.at(on_border(self.kind, self.axis, m, special.point.y))
 
-        return first_found(with_back, BACK)
+        return first_found(partial(with_back, back) for back in BACK)
 
     @singular_lost()
     def at(self, at: OnBorder) -> Found:

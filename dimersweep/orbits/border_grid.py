@@ -1,10 +1,10 @@
 """Curves of borders over other parameters, and where they meet other borders."""
 
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from heapq import heappop, heappush
 from itertools import groupby, product, takewhile
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -18,7 +18,6 @@ from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind, change_of
 from dimersweep.orbits.labelling import Column, dataset
 from dimersweep.orbits.orbit import PeriodicOrbit
-from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.parameters import check_effect, check_name
 from dimersweep.symbols import PARAMETERS
 
@@ -26,6 +25,9 @@ Index = tuple[int, ...]  # of a point of a grid: its number along each axis
 
 STRETCHES = 8  # in a line of points: shorter ones are not begun anew
 AGREED = 1e-3  # distance of two points of one border, found in two ways, in the parameter over its scale
+MEETING = 1e-6  # how well a meeting is known, in the step of the curve
+EMPTY = {"U": "", "b": False, "i": 0}  # what a table has where there is no point, by the kind of its numbers; else NaN
+FOUND_HOW = "ok, one of several borders of the kind, or why there is no point"
 
 
 def outwards(shape: tuple[int, ...]) -> list[Index]:
@@ -35,18 +37,8 @@ def outwards(shape: tuple[int, ...]) -> list[Index]:
     return sorted(points, key=lambda index: sum(abs(k - m) for k, m in zip(index, middle, strict=True)))
 
 
-class Try(NamedTuple):
-    """A point to be looked for from a neighbour: its distance, its place in the order of the walk, and where it lies."""
-
-    step: float
-    order: int
-    point: Index
-    axis: int
-    side: int
-
-
 class Walk:
-    """The points of a curve over a grid.
+    """The points of a curve over a grid: begun in the middle of each line, followed from point to point, and confirmed.
 
     The grid is taken line by line, along the axis of the shortest steps. Each line is begun in its middle, from a branch of
     orbits, and followed from point to neighbouring point. A long stretch of a line that is not reached is begun again. Points
@@ -69,18 +61,18 @@ class Walk:
         self.found: dict[Index, Found] = {}
         self.begun_at: dict[Index, Index] = {}  # for each point that is found, the one from which it was followed
         self.status: dict[Index, str] = {}
-        self.columns = list(axes.values())
-        lengths = [column.size for column in self.columns]
-        self.order = {index: n for n, index in enumerate(outwards(tuple(lengths)))}
-        self.waiting: list[Try] = []
-        steps = [_steps(column).min(initial=np.inf) for column in self.columns]
-        self.fine = int(np.argmin(steps))
+        self.shape = tuple(column.size for column in axes.values())
+        self.order = {index: n for n, index in enumerate(outwards(self.shape))}
+        # what is to be looked for from a neighbour, the nearest first: distance, place in the order, point, axis and side
+        self.waiting: list[tuple[float, int, Index, int, int]] = []
+        self.steps = [np.abs(np.diff(column)) / np.abs(column).max() for column in axes.values()]
+        self.fine = int(np.argmin([steps.min(initial=np.inf) for steps in self.steps]))
         if curve.alone:
             for index in self.order:
                 self._try(index, [])
             return
-        for first in outwards(tuple(1 if k == self.fine else n for k, n in enumerate(lengths))):
-            self._line([_moved(first, self.fine, n) for n in range(lengths[self.fine])])
+        for first in outwards(tuple(1 if k == self.fine else n for k, n in enumerate(self.shape))):
+            self._line([_moved(first, self.fine, n) for n in range(self.shape[self.fine])])
         self._follow(across=True)
 
     def _line(self, line: list[Index]) -> None:
@@ -90,77 +82,70 @@ class Walk:
             begun.add(index)
             self._try(index, [])
             self._follow(across=self.start is not None)
-        while (
-            self.curve.many and self.start is None and (end := next(self._unconfirmed(line, begun), None)) is not None
-        ):
-            begun.add(end)
-            self._confirm(end, line)
-            self._follow(across=False)
+        if self.curve.many and self.start is None:
+            while (end := self._unconfirmed(line, begun)) is not None:
+                begun.add(end)
+                self._confirm(end, line)
+                self._follow(across=False)
 
     def _follow(self, across: bool) -> None:
         """Look for the neighbours of what has been found, the nearest first, along the lines only or also across them."""
         later = []
         while self.waiting:
             one = heappop(self.waiting)
-            if one.point in self.found:
+            *_, point, axis, side = one
+            if point in self.found:
                 continue
-            if across or one.axis == self.fine:
-                beside = (_moved(one.point, one.axis, by * one.side) for by in (1, 2, 3))
-                self._try(one.point, list(takewhile(self.found.__contains__, beside)))
+            if across or axis == self.fine:
+                beside = (_moved(point, axis, by * side) for by in (1, 2, 3))
+                self._try(point, list(takewhile(self.found.__contains__, beside)))
             else:
                 later.append(one)
         self.waiting = sorted(later)
 
     def _try(self, index: Index, near: list[Index]) -> None:
+        """Look for a point from its neighbours, or by itself without any, and where that may be another one."""
+        source = self.begun_at[near[0]] if near else index
         try:
-            self.found[index], alone = self._point(index, near)
-        except (OrbitLost, OrbitError, ParameterError) as reason:
+            found = self._point(index, near)
+            if near and not self.curve.is_sure(found):
+                with suppress(OrbitError, ParameterError):
+                    found, source = self._point(index), index
+        except (OrbitError, ParameterError) as reason:
             self.status.setdefault(index, shortened(str(reason)))
-            return
         except KernelError as fault:
             self.status[index] = shortened(f"fault of the kernel: {fault}")
-            return
-        self.begun_at[index] = index if alone else self.begun_at[near[0]]
-        self._wait_beside(index)
+        else:
+            self._enter(index, found, source)
 
-    def _wait_beside(self, index: Index) -> None:
-        """Have the neighbours of a point that is found looked for."""
-        for k, column in enumerate(self.columns):
+    def _enter(self, index: Index, found: Found, source: Index) -> None:
+        """Enter a point that is found, and have its neighbours looked for."""
+        self.found[index], self.begun_at[index] = found, source
+        for k, steps in enumerate(self.steps):
             for side in (-1, 1):
                 other = _moved(index, k, -side)
                 if other in self.order and other not in self.found:
-                    step = _steps(column)[min(other[k], index[k])]
-                    heappush(self.waiting, Try(round(step, 9), self.order[other], other, k, side))
+                    step = round(steps[min(other[k], index[k])], 9)
+                    heappush(self.waiting, (step, self.order[other], other, k, side))
 
-    def _point(self, index: Index, near: list[Index]) -> tuple[Found, bool]:
-        """A point found from its neighbours, or by itself where that may be another one; whether it is the latter."""
-        if not near:
-            return self._alone(index), True
-        found = self.curve.point(self._values(index), [self.found[at] for at in near], self.start)
-        if not self.curve.is_sure(found):
-            with suppress(OrbitLost, OrbitError, ParameterError):
-                return self._alone(index), True
-        return found, False
-
-    def _alone(self, index: Index) -> Found:
-        return self.curve.point(self._values(index), [], self.start)
-
-    def _values(self, index: Index) -> dict[str, float]:
-        return {name: float(column[k]) for (name, column), k in zip(self.axes.items(), index, strict=True)}
+    def _point(self, index: Index, near: Sequence[Index] = ()) -> Found:
+        values = {name: float(column[k]) for (name, column), k in zip(self.axes.items(), index, strict=True)}
+        return self.curve.point(values, [self.found[at] for at in near], self.start)
 
     # --- whether points that were followed are those that are found by themselves --------------------------------------
 
-    def _unconfirmed(self, line: list[Index], begun: Set[Index]) -> Iterator[Index]:
-        """Ends of the stretches of a line that were followed from one point, if they were not looked for by themselves."""
-        for _, stretch in groupby((at for at in line if at in self.found), self.begun_at.__getitem__):
-            points = list(stretch)
-            yield from (end for end in (points[0], points[-1]) if end not in begun)
+    def _unconfirmed(self, line: list[Index], begun: Set[Index]) -> Index | None:
+        """An end of a stretch of a line that was followed from one point, if one was not looked for by itself."""
+        stretches = (
+            list(each) for _, each in groupby(filter(self.found.__contains__, line), self.begun_at.__getitem__)
+        )
+        return next((end for each in stretches for end in (each[0], each[-1]) if end not in begun), None)
 
     def _confirm(self, end: Index, line: list[Index]) -> None:
         """Look for the end of a stretch by itself; if that is another point, give up the half of the stretch before it."""
         try:
-            alone = self._alone(end)
-        except (OrbitLost, OrbitError, ParameterError):
+            alone = self._point(end)
+        except (OrbitError, ParameterError):
             return  # there is no orbit from which it could be found: what was followed is all that is known
         followed, source = self.found[end], self.begun_at[end]
         agree = abs(alone.value - followed.value) < AGREED * self.curve.axis.scale
@@ -170,14 +155,12 @@ class Walk:
         for at in line:
             if self.begun_at.get(at) == source and 2 * abs(at[self.fine] - end[self.fine]) < far:
                 del self.found[at], self.begun_at[at]
-        self.found[end], self.begun_at[end] = alone, end
-        self._wait_beside(end)
+        self._enter(end, alone, end)
 
-    def failed(self) -> dict[Index, str]:
-        """Why the other points are not found."""
-        return {
-            index: self.status.get(index, "no neighbour was found") for index in self.order if index not in self.found
-        }
+    def told(self) -> dict[Index, str]:
+        """The status of each point: of those that are found, and why the others are not."""
+        lacking = {index: self.status.get(index, "no neighbour was found") for index in self.order}
+        return lacking | {index: self.curve.status(one) for index, one in self.found.items()}
 
 
 def _to_begin(line: list[Index], tried: Set[Index], least: float) -> Index | None:
@@ -190,16 +173,8 @@ def _to_begin(line: list[Index], tried: Set[Index], least: float) -> Index | Non
     return line[min(halfway, key=lambda n: abs(2 * n - len(line) + 1))]
 
 
-def _steps(column: np.ndarray) -> np.ndarray:
-    """Steps between the values of an axis, over the largest of them."""
-    return np.abs(np.diff(column)) / np.abs(column).max()
-
-
 def _moved(index: Index, axis: int, by: int) -> Index:
     return tuple(n + by * (k == axis) for k, n in enumerate(index))
-
-
-MEETING = 1e-6  # how well a meeting is known, in the step of the curve
 
 
 def border(
@@ -273,11 +248,10 @@ def border(
     rtol = check_rtol(rtol)
     spin = checked_spin(spin, given)
     border = BORDER_KINDS[kind]
-    curve = border.curve(border, parameter, given, spin, rtol)
-    walk = Walk(curve, axes, start)
+    walk = Walk(border.curve(border, parameter, given, spin, rtol), axes, start)
     if not walk.found:
-        raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.failed().values()))}")
-    return _dataset(curve, axes, walk.found, walk.failed())
+        raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.told().values()))}")
+    return _dataset(walk)
 
 
 def _checked(
@@ -322,19 +296,18 @@ def meetings(kind: Kind, a: Found, b: Found) -> list[str]:
     return names
 
 
-def _meetings(curve: Curve, axes: dict[str, np.ndarray], found: dict[Index, Found]) -> list[dict[str, Any]]:
+def _meetings(walk: Walk) -> Iterator[dict[str, Any]]:
     """Where the curve meets other borders along its last axis."""
-    *others, last = axes
-    rows = []
-    for index, one in found.items():
+    *others, last = walk.axes
+    curve = walk.curve
+    for index, one in walk.found.items():
         after = (*index[:-1], index[-1] + 1)
-        if after in found:
-            given = {name: float(axes[name][k]) for name, k in zip(others, index, strict=False)}
-            ends = float(axes[last][index[-1]]), float(axes[last][after[-1]])
-            for meets in meetings(curve.kind, one, found[after]):
-                at, value = _located(curve, meets, given, last, dict(zip(ends, (one, found[after]), strict=True)))
-                rows.append(given | {last: at, curve.parameter: value, "meets": meets})
-    return rows
+        if after in walk.found:
+            given = {name: float(walk.axes[name][k]) for name, k in zip(others, index, strict=False)}
+            ends = [float(walk.axes[last][k]) for k in (index[-1], after[-1])]
+            for meets in meetings(curve.kind, one, walk.found[after]):
+                at, value = _located(curve, meets, given, last, dict(zip(ends, (one, walk.found[after]), strict=True)))
+                yield given | {last: at, curve.parameter: value, "meets": meets}
 
 
 def _located(
@@ -355,29 +328,23 @@ def _located(
     return 0.5 * (low + high), 0.5 * (below[-1].value + beyond[-1].value)
 
 
-def _dataset(
-    curve: Curve, axes: dict[str, np.ndarray], found: dict[Index, Found], status: dict[Index, str]
-) -> xr.Dataset:
-    rows = list(found.values())
+def _dataset(walk: Walk) -> xr.Dataset:
+    curve, axes, rows = walk.curve, walk.axes, list(walk.found.values())
     columns: dict[str, Column] = {
         "cost": ([one.cost for one in rows], "forcing periods of the map that the point took"),
         curve.parameter: ([one.value for one in rows], PARAMETERS[curve.parameter]),
     }
-    columns |= curve.columns(rows)
-    table = dataset([one.orbit for one in rows], "found", columns)
-    shape = tuple(len(values) for values in axes.values())
-    at = tuple(np.array(list(found)).T)
-    result = xr.Dataset(coords={n: (n, v, PARAMETERS[n].attributes()) for n, v in axes.items()})
+    table = dataset([one.orbit for one in rows], "found", columns | curve.columns(rows))
+    at = tuple(np.array(list(walk.found)).T)
+    result = xr.Dataset(coords={name: (name, values, PARAMETERS[name].attributes()) for name, values in axes.items()})
     for name, column in table.data_vars.items():
-        values = np.full(shape + column.shape[1:], _empty(column.dtype), dtype=column.dtype)
+        values = np.full(walk.shape + column.shape[1:], EMPTY.get(column.dtype.kind, np.nan), dtype=column.dtype)
         values[at] = column.values
         result[name] = ((*axes, *column.dims[1:]), values, column.attrs)
-    said = np.full(shape, "", dtype=object)
-    for index, reason in [*status.items(), *((index, curve.status(one)) for index, one in found.items())]:
-        said[index] = reason
-    words = "ok, one of several borders of the kind, or why there is no point"
-    result["status"] = (tuple(axes), said.astype(str), {"long_name": words})
-    met = _meetings(curve, axes, found)
+    told = walk.told()
+    said = [told[index] for index in np.ndindex(walk.shape)]
+    result["status"] = (tuple(axes), np.reshape(said, walk.shape), {"long_name": FOUND_HOW})
+    met = list(_meetings(walk))
     for name in (*axes, curve.parameter):
         units = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet").attributes()
         result[f"{name}_at_meeting"] = ("meeting", np.array([row[name] for row in met], dtype=float), units)
@@ -389,7 +356,3 @@ def _dataset(
         "cost": curve.tape.periods,
     }  # fmt: skip
     return result
-
-
-def _empty(dtype: np.dtype) -> Any:
-    return {"U": "", "b": False, "i": 0}.get(dtype.kind, np.nan)

@@ -170,6 +170,6 @@ def halved(read: Callable[[float], Any], low: float, high: float, within: float)
             break
         try:
             low, high = (middle, high) if read(middle) == first else (low, middle)
-        except (OrbitLost, OrbitError):
+        except OrbitError:
             break
     return low, high

@@ -210,7 +210,7 @@ class Curve(ABC):
         for orbit in [start] if start is not None else self._starts(given, reasons):
             try:
                 return self._from(orbit)
-            except (OrbitError, OrbitLost) as reason:
+            except OrbitError as reason:
                 reasons.append(str(reason))
         raise OrbitError(shortened(f"no {self.kind.name} was met; {'; '.join(dict.fromkeys(reasons))}"))
 

@@ -1,7 +1,10 @@
 """The edge of a basin: where the fate of a start changes, and the motion that a start on the edge stays near."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
+from itertools import dropwhile
 from typing import Any
 
 import numpy as np
@@ -11,7 +14,7 @@ from dimersweep.inputs import check_count, number
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, PHASE
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.continuation import halved
-from dimersweep.orbits.finding import RTOL, centred, checked
+from dimersweep.orbits.finding import RTOL, centred, checked, settled_on
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
 from dimersweep.orbits.newton import solve
@@ -74,21 +77,6 @@ class Edge:
     runs: int
 
 
-class Fates:
-    """The modes of motion that starts lead to; each run is made once."""
-
-    def __init__(self, axis: str, periods: int, rtol: float, given: dict[str, float]) -> None:
-        self.axis, self.periods, self.rtol, self.given = axis, periods, rtol, given
-        self.known: dict[float, str] = {}
-
-    def __call__(self, value: float) -> str:
-        if value not in self.known:
-            start: dict[str, Any] = self.given | {self.axis: value}
-            run = simulate(**start, periods=self.periods, rtol=self.rtol, record=False, stop_when_settled=True)
-            self.known[value] = run.mode
-        return self.known[value]
-
-
 def edge(
     axis: str,
     between: tuple[float | str, float | str],
@@ -131,15 +119,20 @@ def edge(
     >>> round(found.value, 3)
     0.267
     """
-    given = checked(parameters | {axis: between[0]})
+    given: dict[str, Any] = checked(parameters | {axis: between[0]})
     ends = low, high = number(axis, between[0]), number(axis, between[1])
     checked(parameters | {axis: high})
-    fate = Fates(axis, check_count("periods", periods), rtol, given)
+    how: dict[str, Any] = {"periods": check_count("periods", periods), "rtol": rtol}
+
+    @cache
+    def fate(value: float) -> str:
+        return simulate(**given | {axis: value}, **how, record=False, stop_when_settled=True).mode
+
     if fate(low) == fate(high):
         raise ParameterError(f"between = ({low:g}, {high:g}): both lead to {fate(low)}; must lead to different motions")
     wide = high - low
     low, high = halved(fate, low, high, within)
-    near, stays = _stays_near(given | {axis: low}, given | {axis: high}, periods, rtol)
+    near, stays = _stays_near([simulate(**given | {axis: value}, **how) for value in (low, high)])
     clean = _clean(fate, low, high, wide)
     return Edge(
         axis=axis,
@@ -151,58 +144,45 @@ def edge(
         partner=_is_partner(near) if near is not None else None,
         clean=clean,
         exponent=float("nan") if clean else uncertainty(fate, *sorted(ends)),
-        runs=len(fate.known),
+        runs=fate.cache_info().currsize,
     )
 
 
 def _clean(fate: Callable[[float], str], low: float, high: float, wide: float) -> bool:
     """Whether starts beside an edge, up to a hundredth of the interval from it, share the fate of their side."""
     distances = np.geomspace(max(10 * abs(high - low), 1e-6 * abs(wide)), 1e-2 * abs(wide), SCALES)
-    sense = np.sign(wide)
-    for distance in distances:
-        for share in np.linspace(0.3, 1.0, STARTS_BESIDE):
-            if fate(low - sense * share * distance) != fate(low) or fate(high + sense * share * distance) != fate(high):
-                return False
-    return True
+    aside = np.sign(wide) * np.outer(distances, np.linspace(0.3, 1.0, STARTS_BESIDE)).ravel()
+    return all(fate(low - by) == fate(low) and fate(high + by) == fate(high) for by in aside.tolist())
 
 
 def uncertainty(fate: Callable[[float], str], low: float, high: float) -> float:
     """Uncertainty exponent of the fates in an interval (McDonald et al., doi 10.1016/0167-2789(85)90001-6)."""
-    rng = np.random.default_rng(0)
-    starts = rng.uniform(low, high, PROBES)
-    shares = []
+    starts = np.random.default_rng(0).uniform(low, high, PROBES)
+    kept: list[tuple[float, float]] = []
     for distance in DISTANCES:
         by = distance * (high - low)
-        uncertain = [fate(x) != fate(x + by) or fate(x) != fate(max(low, x - by)) for x in starts]
-        shares.append(np.mean(uncertain))
-    kept = [(d, s) for d, s in zip(DISTANCES, shares, strict=True) if s > 0]
+        share = float(np.mean([fate(x) != fate(x + by) or fate(x) != fate(max(low, x - by)) for x in starts]))
+        kept += [(distance, share)] if share > 0 else []
     if len(kept) < 2:
         return 1.0
     x, y = np.log(np.array(kept)).T
     return float(np.polyfit(x, y, 1)[0])
 
 
-def _stays_near(
-    low: dict[str, float], high: dict[str, float], periods: int, rtol: float
-) -> tuple[PeriodicOrbit | None, int]:
-    """The periodic motion that both starts stay near before they part, and for how long."""
-    runs = [simulate(**start, periods=periods, rtol=rtol) for start in (low, high)]  # type: ignore[arg-type]
+def _stays_near(runs: list[Run]) -> tuple[PeriodicOrbit | None, int]:
+    """The periodic motion that two runs stay near before they part, and for how many forcing periods."""
     ends = [_strobes(run) for run in runs]
-    count = min(len(ends[0]), len(ends[1]))
+    count = min(map(len, ends))
     together = np.abs(ends[0][:count, :4] - ends[1][:count, :4]).max(axis=1) < NEAR_PERIODIC
     parts = count if together.all() else int(np.argmin(together))
     change = np.abs(np.diff(ends[0][: parts + 1, :4], axis=0)).max(axis=1)
     if not change.size:
         return None, 0
     stillest = int(np.argmin(change))
-    near = change < NEAR_PERIODIC
-    first = stillest
-    while first > 0 and near[first - 1]:
-        first -= 1
-    last = stillest
-    while last + 1 < near.size and near[last + 1]:
-        last += 1
-    return _orbit_at(runs[0], stillest), last - first + 1
+    near = np.concatenate([[False], change < NEAR_PERIODIC, [False]])
+    first = stillest - int(np.argmin(near[stillest::-1]))  # just before the stretch
+    last = stillest + 1 + int(np.argmin(near[stillest + 1 :]))  # just after it
+    return _orbit_at(runs[0], int(ends[0][stillest, 4])), max(1, last - first - 1)
 
 
 def _strobes(run: Run) -> np.ndarray:
@@ -214,30 +194,23 @@ def _strobes(run: Run) -> np.ndarray:
     return np.column_stack([segments[rows][:, [D1, D2]] * omega / v, segments[rows][:, [N1, N2]] / v, rows])
 
 
-def _orbit_at(run: Run, period: int) -> PeriodicOrbit | None:
-    """The orbit that Newton's method comes to from the end of a period of a run."""
-    record, tape = run.record("edge"), Tape()
-    segment = record.segments[int(_strobes(run)[period, 4])]
-    state = segment[:N_STATE].copy()
-    state[[PHASE, PERIOD]] = 0.0
-    try:
-        m = ReturnMap(
-            run.parameters, run.parameters["phi0"], segment[SEGMENT_MODES:SEGMENT_HOP_TIME].copy(), 1, RTOL, tape
-        )
-        _, _, passage = tape.run(m.row, state, 1, RTOL)
-        m, z = m.moved(passage)
+def _orbit_at(run: Run, number: int) -> PeriodicOrbit | None:
+    """The orbit that Newton's method comes to from the beginning of a segment of a run, at the end of a period."""
+    segment, tape = run.record("edge").segments[number], Tape()
+    with suppress(OrbitLost):
+        modes = segment[SEGMENT_MODES:SEGMENT_HOP_TIME].copy()
+        m = ReturnMap(run.parameters, run.parameters["phi0"], modes, 1, RTOL, tape)
+        m, z = settled_on(m, segment[:N_STATE].copy(), 1)
         return orbit_of(centred(solve(m, z, m.image(z).spin)))
-    except OrbitLost:
-        return None
+    return None
 
 
 def _is_partner(orbit: PeriodicOrbit) -> bool:
     """Whether an orbit has one multiplier above 1, and turns round at a fold into a stable one as Gamma falls."""
     if (np.abs(orbit.multipliers) > 1).sum() != 1 or orbit.multipliers[0].real < 1:
         return False
-    try:
+    with suppress(OrbitError):
         entries = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], words=False).entries
-    except (OrbitError, OrbitLost):
-        return False
-    folds = [k for k, entry in enumerate(entries) if entry.kind is FOLD]
-    return bool(folds) and any(entry.orbit.stable for entry in entries[folds[0] + 1 :])
+        beyond = list(dropwhile(lambda entry: entry.kind is not FOLD, entries))[1:]
+        return any(entry.orbit.stable for entry in beyond)
+    return False

@@ -5,6 +5,7 @@ after the other. The family is followed on the slow manifold, not on the fixed p
 """
 
 from contextlib import suppress
+from functools import partial
 from itertools import takewhile
 from typing import NamedTuple
 
@@ -17,13 +18,13 @@ from dimersweep.cubes.grid import evenly
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, settled_near
-from dimersweep.orbits.following import Trace, traced
+from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
 from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, slow_direction
 from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.poincare import OrbitLost, ReturnMap
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, first_found
 from dimersweep.orbits.specials import JOINED
 
 FAMILY_REACH = 0.05  # distance from where the family leads, in units of the section
@@ -34,6 +35,7 @@ MISSING = 1  # spins in a row that may be missing if they lie wider
 THROUGH = 3  # points of the family through which the next one is looked for
 SPIN_RTOL = 1e-12  # accuracy of the spin after many periods, relative
 OVER_THE_END = 1e-7  # of the greatest spin, by which rounding may lead over an end of the family
+BEGIN_AT = (0.5, 0.25, 0.75, 0.0, 1.0)  # parts of the range of spins at which a first orbit is looked for
 READ = ("radius", "period", "zeta")
 
 
@@ -74,7 +76,12 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     """
     given = checked(parameters)
     spins = evenly(*spin_range(spin, given), check_count("points", points))
-    first, begin = _anywhere(spins, given, check_rtol(rtol))
+    rtol = check_rtol(rtol)
+    numbers = dict.fromkeys(round(share * (points - 1)) for share in BEGIN_AT)
+    try:
+        first, begin = first_found(partial(_begun, spins, k, given, rtol) for k in numbers)
+    except OrbitError as reason:
+        raise OrbitError(f"spin = ({spins[0]:g}, {spins[-1]:g}): no orbit found; {reason}") from None
     tape = first.fixed.map.tape
     start = tape.periods
     orbits, ends = {begin: on_family(first.fixed.map, first.creep)}, {}
@@ -82,10 +89,9 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
         found, ends[name] = walk(orbits[begin], spins[order])
         orbits |= {order[k]: one for k, one in found.items()}
     kept = sorted(orbits)
-    table = dataset([orbits[k] for k in kept], "spin_")
-    table = table.drop_vars("spin").rename_dims({"spin_": "spin"}).assign_coords(spin=("spin", spins[kept]))
-    table["spin"].attrs = {"units": "rad s-1", "long_name": "axial spin after the double impact"}
-    table = table.drop_vars("cost")
+    table = dataset([orbits[k] for k in kept], "spin_").drop_vars(["spin", "cost"])
+    coordinate = ("spin", spins[kept], {"units": "rad s-1", "long_name": "axial spin after the double impact"})
+    table = table.rename_dims({"spin_": "spin"}).assign_coords(spin=coordinate)
     table.attrs |= ends | {"cost": tape.periods - start + first.cost, "rtol": rtol}
     return table
 
@@ -107,16 +113,8 @@ def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[floa
     return low, high
 
 
-def _anywhere(spins: np.ndarray, given: dict[str, float], rtol: float) -> tuple[PeriodicOrbit, int]:
-    """An orbit at one of the spins: the middle one, or one of a few others."""
-    reason = OrbitError("")
-    for share in (0.5, 0.25, 0.75, 0.0, 1.0):
-        k = round(share * (spins.size - 1))
-        try:
-            return orbit_at(given, float(spins[k]), rtol=rtol), k
-        except OrbitError as error:
-            reason = error
-    raise OrbitError(f"spin = ({spins[0]:g}, {spins[-1]:g}): no orbit found; {reason}")
+def _begun(spins: np.ndarray, k: int, given: dict[str, float], rtol: float) -> tuple[PeriodicOrbit, int]:
+    return orbit_at(given, float(spins[k]), rtol=rtol), k
 
 
 def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, PeriodicOrbit], str]:
@@ -164,20 +162,16 @@ def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[d
 def _next(last: list[PeriodicOrbit], spin: float, leaps: bool) -> PeriodicOrbit:
     """The orbit at another spin, along the family or by a run, by way of spins between where that fails.
 
-    `last` are those before, the nearest first; see `walk` for leaps.
-
-    Raises
-    ------
-    OrbitLost
-        If it is not reached in a few tries.
+    `last` are those before, the nearest first; see `walk` for leaps. It is lost if it is not reached in a few tries.
     """
     share, reason = 1.0, OrbitLost("")
     for _ in range(TRIES):
         begin = last[0]
         to = spin if share == 1.0 else begin.spin + share * (spin - begin.spin)
         creeps_there = (to - begin.spin) * begin.spin_drift > 0
+        most = np.inf if leaps and creeps_there else JOINED
         try:
-            nxt = _step_or_run(last, to, np.inf if leaps and creeps_there else JOINED)
+            nxt = first_found([partial(_step, last, to), partial(_run_onto, begin, to, most)])
         except OrbitLost as error:
             share, reason = 0.5 * share, error
             if _near(begin.spin, to):
@@ -194,21 +188,11 @@ def _near(a: float, b: float) -> bool:
     return abs(a - b) <= MISSING_OVER * abs(b)
 
 
-def _step_or_run(last: list[PeriodicOrbit], spin: float, most: float) -> PeriodicOrbit:
-    """The orbit at another spin by a step along the family, or else by a run that is at most so far from where it leads."""
-    try:
-        return _step(last, spin)
-    except OrbitLost:
-        return _run_onto(last[0], spin, most)
-
-
 def _step(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     """The orbit at another spin, along the family; `last` are those before, the nearest first.
 
-    Raises
-    ------
-    OrbitLost
-        If there is none nearby, or one so far from where the family leads that it may be another one's.
+    It is lost if there is none nearby, or one so far from where the family leads that it may be another one's. Where an event
+    lies near its section, it is given in another one in which it is found.
     """
     near = last[0].fixed
     m = near.map
@@ -222,25 +206,16 @@ def _step(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
         creep = creep_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
     if np.abs(creep.z - z).max() > FAMILY_REACH:
         raise OrbitLost("the next orbit lies aside of the family")
-    return _centred(on_family(m, creep))
-
-
-def _centred(orbit: PeriodicOrbit) -> PeriodicOrbit:
-    """A motion of the family in another section, if an event lies near its own and it is found there."""
-
-    def make(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
-        return on_family(m, creep_near(m, z, orbit.spin, *m.jacobian(z)))
-
-    return orbit.fixed.map.in_own_section(orbit, orbit.fixed.image.passage, make)
+    orbit = on_family(m, creep)
+    return m.in_own_section(
+        orbit, creep.image.passage, lambda own, z: on_family(own, creep_near(own, z, spin, *own.jacobian(z)))
+    )
 
 
 def _run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
     """The motion at another spin that a run from an orbit settles on, at most so far from where the orbit leads.
 
-    Raises
-    ------
-    OrbitLost
-        If the orbit is not stable, or the run does not come to one.
+    It is lost if the orbit is not stable, or the run does not come to one.
     """
     for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
         with suppress(OrbitLost):
@@ -251,29 +226,18 @@ def _run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
 
 
 def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
-    """The orbit at another spin along the branch of fixed points.
-
-    Raises
-    ------
-    OrbitLost
-        If it does not lead there: in one line, why the family ends.
-    """
+    """The orbit at another spin along the branch of fixed points; if that does not lead there, it says why the family ends."""
     fixed = solve(last.fixed.map, last.fixed.z, last.spin)
-    branch = traced(orbit_of(fixed), "spin", spin, BRANCH_POINTS, words=False)
-    if not branch.end.startswith("to:"):
-        raise OrbitLost(_why(branch))
-    orbit = branch.entries[-1].orbit
+    rows, end, _ = traced(orbit_of(fixed), "spin", spin, BRANCH_POINTS, words=False)
+    if not end.startswith("to:"):
+        for row in reversed(rows):
+            if row.kind is FOLD:
+                raise OrbitLost(f"fold at spin = {row.value:.6g} rad/s")
+        raise OrbitLost(f"{end}, at spin = {rows[-1].value:.6g} rad/s")
+    orbit = rows[-1].orbit
     if orbit.creep.z is orbit.fixed.z and has_fast_part(orbit.fixed):
         raise OrbitLost(f"no motion creeps by the fixed point, at spin = {spin:.6g} rad/s")
     return on_family(orbit.fixed.map, orbit.creep)
-
-
-def _why(branch: Trace) -> str:
-    """Where and why the family ends."""
-    for entry in reversed(branch.entries):
-        if entry.kind is FOLD:
-            return f"fold at spin = {entry.value:.6g} rad/s"
-    return f"{branch.end}, at spin = {branch.entries[-1].value:.6g} rad/s"
 
 
 def on_family(m: ReturnMap, creep: Creep) -> PeriodicOrbit:
@@ -348,35 +312,23 @@ def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
 
 def _spin_after(spins: np.ndarray, drift: np.ndarray, spin: float, periods: float) -> float:
     """The spin after some periods; one at which nothing drifts is not passed."""
+    if periods == 0:
+        return spin
     rate = CubicSpline(spins, drift)
     flow = CubicSpline(spins, drift * (1 - rate.derivative()(spins) / 2))
-
     scale = float(np.abs(spins).max())
     aside = OVER_THE_END * scale  # what drifts by rounding alone does not leave the family
 
-    def below(_: float, s: np.ndarray) -> float:
-        return float(s[0] - spins[0] + aside)
+    def inside(_: float, s: np.ndarray) -> float:
+        return float(min(s[0] - spins[0], spins[-1] - s[0]) + aside)
 
-    def above(_: float, s: np.ndarray) -> float:
-        return float(s[0] - spins[-1] - aside)
-
-    for event, direction in ((below, -1), (above, 1)):
-        event.terminal, event.direction = True, direction  # type: ignore[attr-defined]
-    if periods == 0:
-        return spin
+    inside.terminal = True  # type: ignore[attr-defined]
     way = solve_ivp(
-        lambda _, s: flow(s),
-        (0.0, periods),
-        [spin],
-        "LSODA",
-        events=[below, above],
-        rtol=SPIN_RTOL,
-        atol=SPIN_RTOL * scale,
+        lambda _, s: flow(s), (0.0, periods), [spin], "LSODA", events=inside, rtol=SPIN_RTOL, atol=SPIN_RTOL * scale
     )
     if way.status == 1:
-        raise ParameterError(
-            f"periods = {periods:g}: the motion comes to the end of the family after {abs(way.t[-1]):.0f}"
-        )
+        ends = f"the motion comes to the end of the family after {abs(way.t[-1]):.0f}"
+        raise ParameterError(f"periods = {periods:g}: {ends}")
     if way.status < 0:
         raise ParameterError(f"periods = {periods:g}: the spin cannot be followed so far ({way.message})")
     return float(np.clip(way.y[0, -1], spins[0], spins[-1]))

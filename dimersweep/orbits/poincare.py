@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from dimersweep.errors import KernelError, ParameterError
+from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import (
     JAMMED,
@@ -41,11 +41,10 @@ FIRST_ROWS, ROWS_GROWTH, MOST_ROWS = 400, 4, 2_000_000
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
-A = TypeVar("A")
 T = TypeVar("T")
 
 
-class OrbitLost(RuntimeError):
+class OrbitLost(OrbitError):
     """The map cannot be taken here, or leads to another contact: in one line, why."""
 
 
@@ -58,13 +57,13 @@ def singular_lost() -> Iterator[None]:
         raise OrbitLost(f"the derivatives there are of no use ({error})") from error
 
 
-def first_found(make: Callable[[A], T], choices: Iterable[A]) -> T:
-    """What is made of the first of some choices of which it can be made; of none, it is lost for the last one's reason."""
-    reason = OrbitLost("there is nothing to begin with")
-    for choice in choices:
+def first_found(ways: Iterable[Callable[[], T]]) -> T:
+    """What the first of some ways leads to that leads anywhere; if none does, it is lost for the last one's reason."""
+    reason: OrbitError = OrbitLost("there is nothing to begin with")
+    for way in ways:
         try:
-            return make(choice)
-        except OrbitLost as error:
+            return way()
+        except OrbitError as error:
             reason = error
     raise reason
 

@@ -180,7 +180,7 @@ class WordCurve(Curve, of=Change):
         It is lost if the branch does not go to pieces.
         """
         try:
-            last = first_found(partial(last_that, comes_to_rest), ways)
+            last = first_found(partial(last_that, comes_to_rest, way) for way in ways)
         except OrbitLost as reason:
             raise OrbitLost(f"no {self.kind.name} is met") from reason
         return Found(orbit_of(last.fixed), last.value, last.settled())
@@ -223,8 +223,12 @@ class WordCurve(Curve, of=Change):
             return self._graze(given, last, sides)
         if mark := self.kind.mark(sides):
             return self._zero(given, last, sides, mark)
+
+        def between(y: np.ndarray, doubt: float) -> tuple[Found, float]:
+            return self._between(given, last, sides, y, doubt), y[-1]
+
         guesses = self._guesses([one for one in near if not one.begin.grazes])
-        found, aim = first_found(lambda at: (self._between(given, last, sides, *at), at[0][-1]), guesses)
+        found, aim = first_found(partial(between, *guess) for guess in guesses)
         if len(near) > 1:
             self._smooth(found.begin, last, aim)
         return found
