@@ -175,7 +175,7 @@ def with_derivatives(point: Point, senses: np.ndarray | None = None, mark: Mark 
     def read(image: Image) -> np.ndarray:
         return np.array([*image.point, image.spin / m.unit, *([] if mark is None else [mark(m, image)])])
 
-    rows = m.differences(fixed.z, read, fixed.image, None if senses is None else senses[:-1])
+    rows = m.differences(fixed.z, read, None if senses is None else senses[:-1])
     slope = slope_of(axis, m, fixed.z, point.value / axis.scale, 0.0 if senses is None else senses[-1], mark)
     n = fixed.z.size
     again = point_of(axis, fixed._replace(matrix=rows[:n], gradient=rows[n]), point.value, point.tangent, slope[:n])

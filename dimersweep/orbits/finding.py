@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from math import acos, cos, sin
 from typing import Any
 
@@ -25,15 +26,13 @@ from dimersweep.kernel.model.layout import (
     SPIN,
     STICK,
     WB,
-    Dimer,
 )
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.kinds import ball_fold
 from dimersweep.orbits.manifold import creep_of, multipliers_of, slow_direction
 from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.poincare import SPIN_COORDINATE, OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.poincare import SPIN_COORDINATE, TURN, OrbitLost, ReturnMap, Tape
 from dimersweep.orbits.specials import JOINED
 from dimersweep.parameters import Parameters, check_level, check_name, dimer_from, updated, value_of
 from dimersweep.runs.run import Run
@@ -53,23 +52,15 @@ def rolled_up(parameters: dict[str, float]) -> float:
     return parameters["xdot0"] / dm.p1.r / (1 + dm.J_a / (dm.m * dm.p1.r**2))
 
 
-def pivot_share(dm: Dimer) -> float:
-    """Acceleration of p2 over gravity while p1 stays down: m |h_1| l/(J_t + m h_1^2)."""
-    return -dm.m * dm.p1.h * dm.l / (dm.J_t + dm.m * dm.p1.h**2)
-
-
 def ball_state(parameters: dict[str, float], spin: float) -> tuple[np.ndarray, np.ndarray]:
     """Kernel state and friction modes at `SECTION` if p2 were a ball that bounces once a period, and p1 stayed down."""
     e, Gamma = value_of("e_2", parameters), parameters["Gamma"]
-    least = np.pi * (1 - e) / (1 + e)
-    phase = acos(min(1.0, least / Gamma)) if Gamma > 0 else 0.0
+    phase = acos(min(1.0, ball_fold(e) / Gamma)) if Gamma > 0 else 0.0
     dm = dimer_from(parameters)
-    kappa = pivot_share(dm)
-    tau = SECTION - phase
-    rate = kappa * (2 * np.pi * e / (1 + e) - tau - Gamma * (cos(phase + tau) - cos(phase)))
-    gap = kappa * (
-        2 * np.pi * e / (1 + e) * tau - tau**2 / 2 - Gamma * (sin(phase + tau) - sin(phase) - tau * cos(phase))
-    )
+    kappa = -dm.m * dm.p1.h * dm.l / (dm.J_t + dm.m * dm.p1.h**2)  # acceleration of p2 over gravity while p1 stays down
+    tau, leaves = SECTION - phase, 2 * np.pi * e / (1 + e)
+    rate = kappa * (leaves - tau - Gamma * (cos(SECTION) - cos(phase)))
+    gap = kappa * (leaves * tau - tau**2 / 2 - Gamma * (sin(SECTION) - sin(phase) - tau * cos(phase)))
     v = dm.g / dm.omega
     state = np.zeros(N_STATE)
     state[D2], state[N2], state[SPIN] = max(gap, 0.1) * v / dm.omega, rate * v, spin
@@ -82,10 +73,7 @@ def ball_state(parameters: dict[str, float], spin: float) -> tuple[np.ndarray, n
 def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap, np.ndarray]:
     """The map at a section of its own, and the point there, after some periods from a state at the section of `m`.
 
-    Raises
-    ------
-    OrbitLost
-        If the kernel cannot go on, or both ends have come to rest on the plate.
+    It is lost if the kernel cannot go on, or both ends have come to rest on the plate.
     """
     for _ in range(periods // m.periods):
         state[[PHASE, PERIOD]] = 0.0
@@ -98,7 +86,8 @@ def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap
 def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> Iterator[Start]:
     """The motion that a run from a stable orbit settles on at other parameters or another spin, in each of its sections.
 
-    The fast part settles while the spin is put back once a period, whatever the contacts it comes to.
+    The fast part settles while the spin is put back once a period, whatever the contacts it comes to. It is lost if the orbit
+    is not stable, or the motion is further off than `most`.
 
     Parameters
     ----------
@@ -110,11 +99,6 @@ def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> 
         After the last impact of a period [rad/s].
     most : float
         How far the motion may be from where the orbit leads, in units of the section.
-
-    Raises
-    ------
-    OrbitLost
-        If the orbit is not stable, or the motion is further off.
     """
     if not (np.abs(multipliers_of(at)[0]) < 1).all():
         raise OrbitLost("the orbit is unstable: no run stays near it")
@@ -146,14 +130,13 @@ def of_run(
     return settled_on(m, last[:N_STATE].copy(), periods)
 
 
-def of_ball(
+def _from_ball(
     parameters: dict[str, float], spin: float, transient: int, periods: int, rtol: float, tape: Tape
-) -> tuple[ReturnMap, np.ndarray]:
-    """The map and the point of the ball's orbit, after a transient."""
+) -> Fixed:
+    """Newton from the ball's orbit, after a transient."""
     state, modes = ball_state(parameters, spin)
     m = ReturnMap(parameters, SECTION, modes, periods, rtol, tape)
-    state = m.section.held(state, modes)
-    return settled_on(m, state, max(transient, 1) * periods)
+    return solve(*settled_on(m, m.section.held(state, modes), transient * periods), spin)
 
 
 RTOL = 1e-12
@@ -234,22 +217,22 @@ def orbit_at(
     found: list[PeriodicOrbit] = []
     for name, start in _starts(spin, periods, guess, given, rtol, tape):
         try:
-            orbit = _found(start(), spin, guess, given)
+            orbit = _found(start())
         except OrbitLost as reason:
             tried.append(f"{name}: {reason}")
             continue
         if orbit.stable:
             return replace(orbit, others=tuple(found))
-        if not any(_is_same(orbit, other) for other in found):
+        told = [orbit.radius, orbit.impact_phase]
+        if not any(np.isclose(told, [other.radius, other.impact_phase], rtol=ONE_ORBIT).all() for other in found):
             found.append(orbit)
     if found:
         return replace(found[0], others=tuple(found[1:]))
-    raise OrbitError(f"no orbit of period {periods}{_where(spin)}{_why_not(given)}; tried {'; '.join(tried)}")
-
-
-def _is_same(a: PeriodicOrbit, b: PeriodicOrbit) -> bool:
-    """Whether two orbits of one spin are one."""
-    return bool(np.isclose([a.radius, a.impact_phase], [b.radius, b.impact_phase], rtol=ONE_ORBIT).all())
+    where = "" if spin is None else f" at spin = {spin:g} rad/s"
+    least, why = ball_fold(value_of("e_2", given)), ""
+    if given["Gamma"] < least:
+        why = f" (a ball that bounces once a period needs Gamma >= pi (1 - e)/(1 + e) = {least:.4f})"
+    raise OrbitError(f"no orbit of period {periods}{where}{why}; tried {'; '.join(tried)}")
 
 
 def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None) -> dict[str, float]:
@@ -291,30 +274,21 @@ def _starts(
     given: dict[str, float],
     rtol: float,
     tape: Tape,
-) -> Iterator[tuple[str, Callable[[], Start | Fixed]]]:
-    """The guesses in the order in which they are tried, each with its name."""
+) -> Iterator[tuple[str, Callable[[], Fixed]]]:
+    """What leads to an orbit, in the order in which it is tried, each with its name."""
     if isinstance(guess, Run):
-        yield "the end of the run", lambda: of_run(guess, given, periods, rtol, tape)
-        return
-    if isinstance(guess, PeriodicOrbit):
-        yield "the orbit given", lambda: _from_orbit(guess, given, spin, periods, rtol, tape)
-        return
-    at = rolled_up(given) if spin is None else spin
-    for transient in TRANSIENTS:
-        name = f"the ball's orbit in closed form, {transient} period{'s' if transient > 1 else ''} on"
-        yield name, lambda transient=transient: of_ball(given, at, transient, periods, rtol, tape)  # type: ignore[misc]
-
-
-def _found(
-    start: Start | Fixed, spin: float | None, guess: Run | PeriodicOrbit | None, given: dict[str, float]
-) -> PeriodicOrbit:
-    if isinstance(start, Fixed):
-        fixed = start
+        yield "the end of the run", partial(_from_run, guess, given, spin, periods, rtol, tape)
+    elif isinstance(guess, PeriodicOrbit):
+        yield "the orbit given", partial(_from_orbit, guess, given, spin, periods, rtol, tape)
     else:
-        m, z = start
-        if spin is None:
-            spin = m.image(z).spin if isinstance(guess, Run) else rolled_up(given)
-        fixed = solve(m, z, spin)
+        spin = rolled_up(given) if spin is None else spin
+        for transient in TRANSIENTS:
+            name = f"the ball's orbit in closed form, {transient} period{'s' if transient > 1 else ''} on"
+            yield name, partial(_from_ball, given, spin, transient, periods, rtol, tape)
+
+
+def _found(fixed: Fixed) -> PeriodicOrbit:
+    """The orbit of a fixed point; lost if it repeats after fewer periods."""
     fixed = centred(fixed)
     shorter = repeats_after(fixed)
     if shorter < fixed.map.periods:
@@ -343,6 +317,12 @@ def repeats_after(fixed: Fixed) -> int:
             if np.abs(m.section.point(state) - m.section.point(first))[fast].max() < SAME:
                 return k
     return m.periods
+
+
+def _from_run(run: Run, given: dict[str, float], spin: float | None, periods: int, rtol: float, tape: Tape) -> Fixed:
+    """Newton from what a run has come to."""
+    m, z = of_run(run, given, periods, rtol, tape)
+    return solve(m, z, m.image(z).spin if spin is None else spin)
 
 
 def _from_orbit(
@@ -383,16 +363,3 @@ def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -
                 if np.abs(found.z - z).max() < JOINED:
                     return centred(found)
         raise
-
-
-def _where(spin: float | None) -> str:
-    return "" if spin is None else f" at spin = {spin:g} rad/s"
-
-
-def _why_not(given: dict[str, float]) -> str:
-    """The least Gamma of a ball, if it has no orbit either."""
-    e = value_of("e_2", given)
-    least = ball_fold(e)
-    if given["Gamma"] >= least:
-        return ""
-    return f" (a ball that bounces once a period needs Gamma >= pi (1 - e)/(1 + e) = {least:.4f})"

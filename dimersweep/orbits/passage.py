@@ -12,20 +12,7 @@ import numpy as np
 from dimersweep.kernel.model.body import slip_at
 from dimersweep.kernel.model.contact_code import digits_of
 from dimersweep.kernel.model.event_row import E_KIND, E_PERIOD, E_PHASE
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    D2,
-    DI_ENDS,
-    DI_NONE,
-    FREE,
-    IMPACT,
-    N1,
-    PERIOD,
-    PHASE,
-    Dimer,
-)
+from dimersweep.kernel.model.layout import CA, CB, D1, D2, DI_ENDS, DI_NONE, FREE, IMPACT, N1, PERIOD, PHASE, Dimer
 from dimersweep.kernel.record import BEFORE, SEGMENT_MODES
 from dimersweep.kernel.verdict.past import double_end, ends_sticking
 from dimersweep.orbits.word import TURN, word_of

@@ -3,6 +3,9 @@
 The section is a phase of the plate that lies away from the events of the orbit. A point of it is the row of those
 coordinates of `period_map.NAMES` that are free in the contact there, in their units; the axial spin is one of them, the
 rest is the fast part. The cost of all that is asked here is counted in forcing periods.
+
+Whatever is asked of the map, or of what is built on it, may be lost (`OrbitLost`): where the kernel cannot go on, or the motion
+comes to another contact. A fault of the kernel is none of this (`KernelError`).
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -93,15 +96,7 @@ class Tape:
     def run(
         self, row: np.ndarray, start: np.ndarray, periods: int, rtol: float, path: bool = False
     ) -> tuple[np.ndarray, np.ndarray, Passage]:
-        """State and friction modes after whole periods, and the record.
-
-        Raises
-        ------
-        OrbitLost
-            If the motion does not go on so far.
-        KernelError
-            If the kernel does not find its way.
-        """
+        """State and friction modes after whole periods, and the record."""
         self.periods += periods - start[PHASE] / TURN
         while True:
             state, modes = start.copy(), np.zeros(2)
@@ -160,13 +155,7 @@ class ReturnMap:
         self.step, self.one_sided = self.rtol ** (1 / 3), self.rtol**0.5
 
     def at(self, name: str, value: float) -> "ReturnMap":
-        """The map in the same section at another value of a parameter.
-
-        Raises
-        ------
-        OrbitLost
-            If it is not allowed beside the others.
-        """
+        """The map in the same section at another value of a parameter; lost if it is not allowed beside the others."""
         if value == self.parameters.get(name):
             return self
         others = (name, *(item for item in self.parameters.items() if item[0] != name))
@@ -191,10 +180,7 @@ class ReturnMap:
     def state(self, z: np.ndarray) -> np.ndarray:
         """The kernel's state at a point.
 
-        Raises
-        ------
-        OrbitLost
-            If an end is below the plate, or higher above the other one than the dimer is long.
+        It is lost if an end is below the plate, or higher above the other one than the dimer is long.
         """
         point = np.zeros(len(NAMES))
         point[self.free] = z
@@ -207,12 +193,7 @@ class ReturnMap:
     def image(self, z: np.ndarray) -> Image:
         """The image of a point after the periods of the motion.
 
-        Its spin is that after the last impact of the bouncer, or the one before it is put back.
-
-        Raises
-        ------
-        OrbitLost
-            If the kernel cannot go on, or the image is in another contact.
+        Its spin is that after the last impact of the bouncer, or the one before it is put back. It is lost in another contact.
         """
         if self.spin is not None:
             state, modes, passage, spin = self._held(self.state(z), self.spin)
@@ -238,41 +219,30 @@ class ReturnMap:
         state[PHASE], state[PERIOD] = TURN - since, 0.0
         return *self.tape.run(self.row, state, 1, self.rtol), before
 
-    def jacobian(
-        self, z: np.ndarray, here: Image | None = None, senses: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the image and of the spin (in its unit), by central differences.
-
-        Where an end grazes they are one-sided: from `here`, the image of the point, in the `senses` (1 or -1) of the
-        coordinates.
-
-        Returns
-        -------
-        matrix : ndarray, shape (n, n)
-        gradient : ndarray, shape (n,)
-        """
-        rows = self.differences(z, lambda image: np.append(image.point, image.spin / self.unit), here, senses)
+    def jacobian(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), by central differences."""
+        rows = self.differences(z, lambda image: np.append(image.point, image.spin / self.unit))
         return rows[:-1], rows[-1]
 
     def differences(
-        self,
-        z: np.ndarray,
-        read: Callable[[Image], np.ndarray],
-        here: Image | None = None,
-        senses: np.ndarray | None = None,
+        self, z: np.ndarray, read: Callable[[Image], np.ndarray], senses: np.ndarray | None = None
     ) -> np.ndarray:
-        """Derivatives by the coordinates of what `read` returns of an image, one row each; by differences as in `jacobian`."""
-        if here is None or senses is None:
+        """Derivatives by the coordinates of what `read` returns of an image, one row each.
+
+        They are central, or with `senses` (1 or -1) of the coordinates to one side only, as where an end grazes.
+        """
+        if senses is None:
             widths = np.full(z.size, 2 * self.step)
             pairs = [(self.image(z + d), self.image(z - d)) for d in self.step * np.eye(z.size)]
         else:
-            widths = self.one_sided * senses
+            widths, here = self.one_sided * senses, self.image(z)
             pairs = [(self.image(z + d), here) for d in np.diag(widths)]
         return np.array([read(ahead) - read(back) for ahead, back in pairs]).T / widths
 
     def well_placed(self, passage: Passage, simplest: bool = True) -> bool:
         """Whether the section is away from the events of the motion, and no simpler contact lasts long enough."""
-        if self.margin(passage) <= MARGIN:
+        inner = passage.times[np.mod(passage.times, TURN) > 0]
+        if inner.size and min(inner[0], self.periods * TURN - inner[-1]) <= MARGIN * TURN:
             return False
         return not simplest or self.free.size <= len(free_coordinates(best_phase(passage, self.periods)[2]))
 
@@ -288,13 +258,6 @@ class ReturnMap:
             with suppress(OrbitLost):
                 return make(*self.moved(passage))
         return now
-
-    def margin(self, passage: Passage) -> float:
-        """Distance of the section from the next event on either side, in forcing periods."""
-        inner = passage.times[np.mod(passage.times, TURN) > 0]
-        if not inner.size:
-            return 0.5
-        return float(min(inner[0], self.periods * TURN - inner[-1]) / TURN)
 
     def moved(self, passage: Passage) -> tuple["ReturnMap", np.ndarray]:
         """The map with its section halfway through the best smooth phase of the motion, and the motion's point there."""
