@@ -110,7 +110,7 @@ def creep_of(fixed: Fixed) -> Creep:
 
 
 def creep_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gradient: np.ndarray) -> Creep:
-    """The motion on the manifold that passes near a point with a spin after its last impact [rad/s].
+    """The motion on the manifold that passes near a point with a spin after its last impact [rad/s]; lost if there is none.
 
     Parameters
     ----------
@@ -119,11 +119,6 @@ def creep_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gra
     spin : float
     matrix, gradient : ndarray, shapes (n, n), (n,)
         Derivatives of the map and of the spin nearby.
-
-    Raises
-    ------
-    OrbitLost
-        If there is none.
     """
 
     def value(begin: np.ndarray) -> tuple[np.ndarray, list[Image]]:

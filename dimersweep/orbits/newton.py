@@ -79,7 +79,7 @@ def newton(
     known: np.ndarray | None = None,
     most: int = NEWTON_STEPS,
 ) -> Root:
-    """A zero of `f` near `y`.
+    """A zero of `f` near `y`; lost if the steps do not come to one.
 
     A known derivative is kept by Broyden's update, and taken anew only where the steps then converge too slowly.
 
@@ -96,11 +96,6 @@ def newton(
         Derivative nearby.
     most : int
         How many new derivatives may be taken.
-
-    Raises
-    ------
-    OrbitLost
-        If the steps do not come to a zero.
     """
     r, extra = f(y)
     A, fresh = known, False
@@ -154,7 +149,7 @@ def fixed_at(m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: 
 
 
 def solve(m: ReturnMap, z: np.ndarray, spin: float, known: np.ndarray | None = None) -> Fixed:
-    """The fixed point near a point, at a spin after the last impact of a period [rad/s].
+    """The fixed point near a point, at a spin after the last impact of a period [rad/s]; lost if the steps do not come to one.
 
     Parameters
     ----------
@@ -163,11 +158,6 @@ def solve(m: ReturnMap, z: np.ndarray, spin: float, known: np.ndarray | None = N
     spin : float
     known : ndarray, shape (n, n), optional
         Derivative of `defect` nearby, from which the steps begin.
-
-    Raises
-    ------
-    OrbitLost
-        If the steps do not come to one.
     """
 
     def value(z: np.ndarray) -> tuple[np.ndarray, Image]:

@@ -47,11 +47,6 @@ def path_of(m: ReturnMap, z: np.ndarray) -> MeanPath:
     """The mean path of a motion over its period from a point of the section on.
 
     The chords of the parts of the period are summed as in `kernel.mean_path`; those of the next one give the bend.
-
-    Raises
-    ------
-    OrbitLost
-        If the kernel cannot go on.
     """
     count = CHORDS * m.periods
     parts = np.arange(2 * count + 1) / count

@@ -88,13 +88,7 @@ def mirrors_of(parameters: Mapping[str, float], wanted: bool) -> Mirrors:
 
 
 def portrait_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Portrait:
-    """The portrait of a motion from its record over one of its periods, which begins at the section of `m`.
-
-    Raises
-    ------
-    OrbitLost
-        If the kernel cannot go back to a state.
-    """
+    """The portrait of a motion from its record over one of its periods, which begins at the section of `m`."""
     whole = TURN * m.periods
     times = np.mod(VIEWS - m.phase + TURN * np.arange(m.periods)[:, None], whole)
     which = np.searchsorted(passage.times, times.ravel(), side="right") - 1
@@ -137,11 +131,6 @@ def portrait_from(
         Accuracy [1].
     tape : Tape
     mirrors : Mirrors
-
-    Raises
-    ------
-    OrbitLost
-        If the kernel cannot go on.
     """
     m = ReturnMap(dict(parameters), parameters["phi0"], start[N_STATE:].copy(), periods, rtol, tape)
     state = start[:N_STATE].copy()
@@ -151,7 +140,7 @@ def portrait_from(
 
 
 def portrait_of_orbit(orbit: PeriodicOrbit, mirrors: Mirrors) -> Portrait:
-    """The portrait of an orbit, at its spin; raises as `portrait_of`."""
+    """The portrait of an orbit, at its spin."""
     return portrait_of(orbit.fixed.map, orbit.creep.image.passage, mirrors)
 
 
