@@ -159,12 +159,7 @@ def read_borders(path: str | os.PathLike[str]) -> Borders:
 
 
 def _judge(declared: Borders) -> None:
-    """Refuse what is wrong with sections that are allowed one by one.
-
-    Raises
-    ------
-    ParameterError
-    """
+    """Refuse what is wrong with sections that are allowed one by one, such as names given twice, or that change nothing."""
     curves, branches, families = declared.curves, declared.branches, declared.families
     if sum(part is not None for part in (curves, branches, families)) != 1:
         raise ParameterError("must have one of [curves], [branches] and [families]")
@@ -173,7 +168,18 @@ def _judge(declared: Borders) -> None:
         for kind in curves.kinds:
             if kind not in BORDER_KINDS:
                 raise ParameterError(f"curves.kinds: {unknown(kind, 'border', BORDER_KINDS)}")
-    _judge_names(declared)
+    part = curves or branches or families
+    sections = {"over": declared.over, "fixed": declared.fixed}
+    for section, name in ((section, name) for section, names in sections.items() for name in names):
+        check_name(name)
+        # a branch begins at a fixed value of its parameter
+        if name == getattr(part, "parameter", None) and (curves or section == "over"):
+            raise ParameterError(f"{section}.{name}: is what the {declared.what} are solved for")
+        if section == "over" and name in declared.fixed:
+            raise ParameterError(f"over.{name}: is fixed, too")
+        rolls_up = name == "xdot0" and part is not None and part.spin is None  # to the spin: of curves, at one point
+        if name in (*START, "phi0") and not (rolls_up and not (curves and section == "over")):
+            raise ParameterError(f"{section}.{name}: is of a start, and changes no orbit")
     for point in declared.points():
         given = checked(point)
         if families is not None:
@@ -184,27 +190,6 @@ def _judge(declared: Borders) -> None:
             checked_spin(branches.spin, given)
             for end in branches.ends:
                 checked_spin(end, given) if branches.parameter == "spin" else checked(given | {branches.parameter: end})
-
-
-def _judge_names(declared: Borders) -> None:
-    """Refuse parameters that are given twice, or that change nothing.
-
-    Raises
-    ------
-    ParameterError
-    """
-    part = declared.curves or declared.branches or declared.families
-    sections = {"over": declared.over, "fixed": declared.fixed}
-    for section, name in ((section, name) for section, names in sections.items() for name in names):
-        check_name(name)
-        # a branch begins at a fixed value of its parameter
-        if name == getattr(part, "parameter", None) and (declared.curves or section == "over"):
-            raise ParameterError(f"{section}.{name}: is what the {declared.what} are solved for")
-        if section == "over" and name in declared.fixed:
-            raise ParameterError(f"over.{name}: is fixed, too")
-        rolls_up = name == "xdot0" and part is not None and part.spin is None  # to the spin: of curves, at one point
-        if name in (*START, "phi0") and not (rolls_up and not (declared.curves and section == "over")):
-            raise ParameterError(f"{section}.{name}: is of a start, and changes no orbit")
 
 
 def make_borders(
@@ -250,8 +235,8 @@ def make_borders(
         try:
             tables = []
             for place, (name, make) in enumerate(makers.items()):
-                make_stored = partial(_stored, make, tell)
-                tables.append(make_stored() if out is None else kept_part(store, place, name, make_stored))
+                stored = partial(lambda make: storable(make(tell)), make)
+                tables.append(stored() if out is None else kept_part(store, place, name, stored))
             attrs = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
             attrs["dimersweep_borders"] = attrs.pop("dimersweep_cube")
             made = without_fill(_joined(declared, tables).assign_attrs(attrs))
@@ -301,11 +286,6 @@ def plan_borders(declared: Borders, out: Path) -> list[str]:
     each = f"{points} points each" if declared.what != "branches" else f"{declared.branches.points} points each at most"  # type: ignore[union-attr]
     lines = [f"{declared.what}: {len(makers)} parts, {each}: {', '.join(makers)}"]
     return lines + ([f"there already: {', '.join(there)}"] if there else [])
-
-
-def _stored(make: Maker, tell: Tell) -> xr.Dataset:
-    """A part as it is kept."""
-    return storable(make(tell))
 
 
 def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
