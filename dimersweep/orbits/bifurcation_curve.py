@@ -17,6 +17,7 @@ from dimersweep.orbits.branch import Axis, Point
 from dimersweep.orbits.continuation import SEARCHING, steps
 from dimersweep.orbits.curve import Curve, Found, crossings
 from dimersweep.orbits.kinds import Bifurcation
+from dimersweep.orbits.manifold import eigenvector
 from dimersweep.orbits.newton import TOLERANCE, fixed_at, newton
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import TURN, OrbitLost, ReturnMap, first_found, singular_lost
@@ -174,7 +175,7 @@ def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
     matrix : ndarray, shape (n, n)
         J.
     """
-    v, w = (_eigenvector(J) for J in (matrix, matrix.T))
+    v, w = (eigenvector(J, -1) for J in (matrix, matrix.T))
     v = v / np.linalg.norm(v)
     w = w / (w @ v)
     wide, narrow = (_coefficient(m, z, matrix, v, w, width) for width in WIDTHS)
@@ -193,11 +194,6 @@ def _coefficient(m: ReturnMap, z: np.ndarray, matrix: np.ndarray, v: np.ndarray,
     u = bent / size
     mixed = size * (at(v + u) - at(v - u) - at(u - v) + at(-u - v)) / (4 * width**2)
     return float(w @ third / 6 + w @ mixed / 2)
-
-
-def _eigenvector(matrix: np.ndarray) -> np.ndarray:
-    values, vectors = np.linalg.eig(matrix)
-    return vectors[:, int(np.argmin(np.abs(values + 1)))].real
 
 
 class BifurcationCurve(Curve, of=Bifurcation):

@@ -47,6 +47,12 @@ class Creep(NamedTuple):
     residual: float
 
 
+def eigenvector(matrix: np.ndarray, value: float) -> np.ndarray:
+    """The eigenvector, real part, of the multiplier nearest to a value."""
+    values, vectors = np.linalg.eig(matrix)
+    return vectors[:, int(np.argmin(np.abs(values - value)))].real
+
+
 @singular_lost()
 def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
     """Derivative of the section point by the spin (in its unit) along the family, and the spin's change a period [rad/s].
@@ -55,9 +61,8 @@ def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
     manifold counts.
     """
     m = fixed.map
-    values, left = np.linalg.eig(fixed.matrix.T)
-    row = left[:, int(np.argmin(np.abs(values - 1)))].real
-    along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(len(values))[m.slow])
+    row = eigenvector(fixed.matrix.T, 1)
+    along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(row.size)[m.slow])
     return along, float(row @ (fixed.image.point - fixed.z) / (row @ along)) * m.unit
 
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.inputs import check_count
-from dimersweep.kernel.model.layout import DI_ENDS, DIP, GAMMA, PERIOD, PHASE, THETA, X1, Y1
+from dimersweep.kernel.model.layout import DIP, GAMMA, PERIOD, PHASE, THETA, X1, Y1
 from dimersweep.orbits.manifold import Creep, creep_at, multipliers_of
 from dimersweep.orbits.newton import Fixed
-from dimersweep.orbits.passage import TURN, Strike, strike_of
+from dimersweep.orbits.passage import TURN, strike_of
 from dimersweep.orbits.poincare import ReturnMap
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import exactly, run_row
@@ -208,9 +208,7 @@ def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
     if creep is None:
         creep = creep_at(fixed)
     parameters, image = m.parameters, creep.image
-    strike = strike_of(image.passage, m.dimer)
-    if strike is None:
-        strike = Strike(*(float("nan"),) * 3, DI_ENDS[0])
+    struck = strike_of(image.passage, m.dimer)
     turn = creep.turn / m.periods
     rate = turn * parameters["f"] if abs(turn) > CIRCLE else 0.0
     fast, slow = multipliers_of(fixed)
@@ -218,13 +216,11 @@ def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
         parameters=dict(parameters),
         periods=m.periods,
         spin=image.spin,
-        radius=strike.speed / abs(rate) if rate else float("inf"),
+        radius=struck["speed"] / abs(rate) if rate else float("inf"),
         period=TURN / abs(rate) if rate else float("inf"),
-        zeta=strike.zeta,
-        speed=strike.speed,
         precession_rate=rate,
-        impact_phase=float((m.phase + strike.phase) / TURN % 1.0),
-        di_end=strike.di_end,
+        impact_phase=(m.phase + struck.pop("phase")) / TURN % 1.0,
+        **struck,
         spin_drift=creep.drift / m.periods + 0.0,
         precession_rate_drift=creep.turn_drift * parameters["f"] / m.periods**2,
         multipliers=fast if fast.size else np.zeros(1, dtype=complex),

@@ -5,7 +5,7 @@ The axial spin of an orbit is that after its last impact in a period (of the dri
 """
 
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -64,39 +64,19 @@ class Passage:
         return state
 
 
-class Strike(NamedTuple):
-    """State of the dimer after the impact that ends a period of a drift.
+def strike_of(passage: Passage, dm: Dimer) -> dict[str, Any]:
+    """State after the impact that ends a period of a drift, the last one of the bouncer; NaN without one.
 
-    Attributes
-    ----------
-    phase : float
-        Since the section [rad].
-    speed, zeta : float
-        Of the centre of mass [m s-1]; from the axis, in the sense from the end that is down to the other one [rad].
-    di_end : str
-        Friction of the end that is down and of the bouncer, see ``layout.DI_ENDS``.
-    """
-
-    phase: float
-    speed: float
-    zeta: float
-    di_end: str
-
-
-def strike_of(passage: Passage, dm: Dimer) -> Strike | None:
-    """State after the last impact of the bouncer; none without an impact.
-
-    Parameters
-    ----------
-    passage : Passage
-    dm : Dimer
+    That is `phase` since the section [rad], `speed` of the centre of mass [m s-1] and its angle `zeta` from the axis, in the
+    sense from the end that is down to the other one [rad], and `di_end`, the friction of the end that is down and of the
+    bouncer, see ``layout.DI_ENDS``.
     """
     bouncer = passage.bouncer
     state = passage.last_impact(bouncer)
     if state is None:
-        return None
+        return dict.fromkeys(("phase", "speed", "zeta"), float("nan")) | {"di_end": DI_ENDS[0]}
     speed = float(np.hypot(state[CA], state[CB]))
     zeta = float(np.arctan2(abs(state[CB]), state[CA] if bouncer == 1 else -state[CA])) if speed > 0 else float("nan")
     sticks = [ends_sticking(dm, *slip_at(dm, state, end)) for end in (0, 1)]
     end = double_end(sticks[1 - bouncer], sticks[bouncer]) if state[D1] == state[D2] == 0.0 else DI_NONE
-    return Strike(state[PHASE], speed, zeta, DI_ENDS[end])
+    return {"phase": float(state[PHASE]), "speed": speed, "zeta": zeta, "di_end": DI_ENDS[end]}

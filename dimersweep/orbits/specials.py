@@ -19,6 +19,7 @@ from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.branch import NEAR_TURN, Equations, Point, lent, point_of, with_derivatives
 from dimersweep.orbits.continuation import LOCATED, Between, zero
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind, change_of
+from dimersweep.orbits.manifold import eigenvector
 from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.poincare import TURN, Image, OrbitLost, ReturnMap
 
@@ -276,8 +277,7 @@ class Bracket:
 
 def doubled(flip: Point) -> Point:
     """The branch of twice the period that leaves a flip, a little way along it; lost if none is found."""
-    values, vectors = np.linalg.eig(flip.fixed.matrix)
-    direction = vectors[:, int(np.argmin(np.abs(values + 1)))].real
+    direction = eigenvector(flip.fixed.matrix, -1)
     tangent = np.append(direction / np.linalg.norm(direction), 0.0)
     y = flip.y + BORN * tangent
     m = replace(flip.map, periods=2 * flip.map.periods)
