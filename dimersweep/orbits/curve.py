@@ -2,10 +2,11 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import takewhile
 from math import pi
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -81,6 +82,7 @@ def crossings(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
     return {f"{kind.name}-{other.name}": other.crossing(real) for other in BORDER_KINDS.values()}
 
 
+@dataclass(eq=False)
 class Curve(ABC):
     """A border of one kind.
 
@@ -102,19 +104,25 @@ class Curve(ABC):
         Axial spin [rad/s].
     rtol : float
         Accuracy of the map.
+    tape : Tape, optional
     """
 
-    alone = False
-    many = False
+    alone: ClassVar = False
+    many: ClassVar = False
     kind: Any
+    parameter: str
+    given: dict[str, float]
+    spin: float
+    rtol: float
+    tape: Tape = field(default_factory=Tape)
 
     def __init_subclass__(cls, of: type[Kind]) -> None:
         of.curve = cls
 
-    def __init__(self, kind: Kind, parameter: str, given: dict[str, float], spin: float, rtol: float) -> None:
-        self.kind, self.parameter, self.given, self.spin, self.rtol = kind, parameter, given, spin, rtol
-        self.axis = Axis(parameter, abs(value_of(parameter, given)) or 1.0, spin)
-        self.tape = Tape()
+    @cached_property
+    def axis(self) -> Axis:
+        """The parameter as the quantity along branches."""
+        return Axis(self.parameter, abs(value_of(self.parameter, self.given)) or 1.0, self.spin)
 
     def point(self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None) -> Found:
         """The point of the border at values of the other parameters.
@@ -207,12 +215,18 @@ class Curve(ABC):
     def _first(self, given: dict[str, float], start: PeriodicOrbit | None) -> Found:
         """A point of the curve, on the branch through the start or one of the orbits at the given parameters."""
         reasons: list[str] = []
-        for orbit in [start] if start is not None else self._starts(given, reasons):
+        stable = False
+        for orbit in self._starts(given, start, reasons):
+            stable = stable or orbit.stable
             try:
                 return self._from(orbit)
             except OrbitError as reason:
                 reasons.append(str(reason))
-        raise OrbitError(shortened(f"no {self.kind.name} was met; {'; '.join(dict.fromkeys(reasons))}"))
+        raise OrbitError(self._lacking(stable, reasons))
+
+    def _lacking(self, stable: bool, reasons: list[str]) -> str:
+        """Why there is no point: what was tried, among it a stable orbit or not."""
+        return shortened(f"no {self.kind.name} was met; {'; '.join(dict.fromkeys(reasons))}")
 
     @abstractmethod
     def _from(self, orbit: PeriodicOrbit) -> Found:
@@ -224,11 +238,16 @@ class Curve(ABC):
         begin = point_of(self.axis, fixed, value_of(self.parameter, orbit.parameters))
         return [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
 
-    def _starts(self, given: dict[str, float], reasons: list[str]) -> Iterator[PeriodicOrbit]:
+    def _starts(
+        self, given: dict[str, float], start: PeriodicOrbit | None, reasons: list[str]
+    ) -> Iterator[PeriodicOrbit]:
         """Orbits from which the border is looked for: first stable ones, which runs come to; last those of other motions.
 
         In a walk one end is far from the plate at a time; both ends are, or none is, in motions of other kinds.
         """
+        if start is not None:
+            yield start
+            return
         later = []
         for at in self._places(given):
             try:

@@ -199,21 +199,13 @@ class Carried:
 
     def at(self, spin: float) -> Portrait | None:
         """The family at a spin, or None where it was not found."""
-        spins = np.array([view.spin for view in self.views])
-        slack = SPIN_SLACK * max(1.0, abs(spin))
+        one, slack = self.views[0], SPIN_SLACK * max(1.0, abs(spin))
+        spins = [view.spin for view in self.views]
         if not spins[0] - slack <= spin <= spins[-1] + slack:
             return None
-        gaps = np.array([view.gaps for view in self.views])
-        above = int(np.clip(np.searchsorted(spins, spin), 1, max(1, spins.size - 1)))
-        if spins.size == 1 or spins[above] == spins[above - 1]:
-            return self.views[0]._replace(spin=spin)
-        share = np.clip((spin - spins[above - 1]) / (spins[above] - spins[above - 1]), 0.0, 1.0)
-        a, b = self.views[above - 1], self.views[above]
-        return a._replace(
-            spin=spin,
-            gaps=(1 - share) * gaps[above - 1] + share * gaps[above],
-            turn=(1 - share) * a.turn + share * b.turn,
-        )
+        places = np.array([[*view.gaps.ravel(), view.turn] for view in self.views])
+        *gaps, turn = (float(np.interp(spin, spins, column)) for column in places.T)
+        return one._replace(spin=spin, gaps=np.reshape(gaps, one.gaps.shape), turn=turn)
 
     def apart(self, motion: Portrait) -> float:
         """How far a motion is from the family at its own spin, see `apart`; inf where the family was not found.

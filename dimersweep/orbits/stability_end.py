@@ -3,13 +3,12 @@
 That is a fold, a flip or a torus, or a change of word over which the multipliers leap, or beyond which there is no such orbit.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
-from typing import cast
+from typing import ClassVar, cast
 
 import numpy as np
 
-from dimersweep.errors import OrbitError
 from dimersweep.orbits.branch import Point, point_of
 from dimersweep.orbits.continuation import SEARCHING, Between, halved, steps
 from dimersweep.orbits.curve import Curve, Found
@@ -220,23 +219,17 @@ def _kind_beyond(last: Point) -> Kind:
 class StabilityCurve(Curve, of=StabilityEnd):
     """An end of the stretch of the parameter over which an orbit is stable, whatever ends it: see `Curve`."""
 
-    alone = True
+    alone: ClassVar = True
 
-    def _first(self, given: dict[str, float], start: PeriodicOrbit | None) -> Found:
-        reasons: list[str] = []
-        if start is None:
-            starts = self._starts(given, reasons)
-        else:
-            starts = iter([orbit_at(given, self.spin, guess=start, rtol=self.rtol)])
-        lacking = "no stable orbit"
-        for orbit in starts:
-            if orbit.stable:
-                lacking = "no end of stability"
-            try:
-                return self._from(orbit)
-            except OrbitLost as reason:
-                reasons.append(str(reason))
-        raise OrbitError(f"{lacking} was found; {'; '.join(reasons)}")
+    def _starts(
+        self, given: dict[str, float], start: PeriodicOrbit | None, reasons: list[str]
+    ) -> Iterator[PeriodicOrbit]:
+        """Each point is found by itself, so that a start is carried there first."""
+        start = None if start is None else orbit_at(given, self.spin, guess=start, rtol=self.rtol)
+        return super()._starts(given, start, reasons)
+
+    def _lacking(self, stable: bool, reasons: list[str]) -> str:
+        return f"no {'end of stability' if stable else 'stable orbit'} was found; {'; '.join(reasons)}"
 
     def _from(self, orbit: PeriodicOrbit) -> Found:
         (way,) = self._ways(orbit)
@@ -245,12 +238,12 @@ class StabilityCurve(Curve, of=StabilityEnd):
 
     def _found(self, special: Special) -> Found:
         """The point of the end, with the spin put back where it is a bifurcation, as on curves of those."""
+        at = special.point
         if special.kind.rows:
-            own = special.kind.curve(special.kind, self.parameter, special.point.map.parameters, self.spin, self.rtol)
-            own.tape = self.tape
+            own = special.kind.curve(special.kind, self.parameter, self.given, self.spin, self.rtol, self.tape)
             with suppress(OrbitLost):
                 return own.taken_up(special)
-        return Found(orbit_of(special.point.fixed), special.point.value, special.point)
+        return Found(orbit_of(at.fixed), at.value, at)
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
         kinds = [one.by.name if one.by else "" for one in found]

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import takewhile
-from typing import cast
+from typing import ClassVar, cast
 
 import numpy as np
 
@@ -64,7 +64,7 @@ def _has_turned(orbit: PeriodicOrbit) -> bool:
 class WordCurve(Curve, of=Change):
     """A curve along which the word changes: see `Curve`."""
 
-    many = True
+    many: ClassVar = True
 
     def status(self, found: Found) -> str:
         if found.sides is None:
