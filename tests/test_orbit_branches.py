@@ -1,6 +1,6 @@
 """Branches and borders: the folds, flips and words they pass, against measured values, closed forms and long runs."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,6 +11,7 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits import following
 from dimersweep.orbits.bifurcation_curve import on_border
 from dimersweep.orbits.border_grid import outwards
+from dimersweep.orbits.finding import of_run
 from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, ComplexPair, ball_flip, ball_fold, change_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.studies.attractors import border_between
@@ -183,10 +184,9 @@ def test_beyond_the_flip_a_run_goes_to_the_doubled_orbit():
 
 def test_below_the_fold_a_run_leaves():
     orbit = orbits.find(spin=100.0, Gamma=FOLDS[0.6] + 1e-6)
-    from dimersweep.orbits.finding import of_run
-
     run = orbit.run(5)
-    moved, z = of_run(run, run.parameters | {"Gamma": FOLDS[0.6] - 1e-4}, 1, 1e-10, orbit.fixed.map.tape)
+    beyond = replace(orbit.fixed.map, parameters=run.parameters | {"Gamma": FOLDS[0.6] - 1e-4}, rtol=1e-10)
+    moved, z = of_run(run, beyond)
     left = False
     for _ in range(3000):
         try:

@@ -39,6 +39,13 @@ from dimersweep.runs.run import Run
 
 Start = tuple[ReturnMap, np.ndarray]
 
+RTOL = 1e-12
+TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
+ONE_ORBIT = 1e-6  # radii and phases of two orbits that are one, relative to each other
+SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated
+MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
+SMALLEST_SHARE = 1e-3  # of the way from the parameters of one orbit to other ones
+GAPS_AND_RATES = range(4)  # the first of the coordinates of a section
 RUN_IN = 40  # periods in which the fast part of a stable motion settles
 SECTION = 0.75 * TURN  # of the guess: well before the double impact, which lies in the first quadrant
 
@@ -52,11 +59,10 @@ def rolled_up(parameters: dict[str, float]) -> float:
     return parameters["xdot0"] / dm.p1.r / (1 + dm.J_a / (dm.m * dm.p1.r**2))
 
 
-def ball_state(parameters: dict[str, float], spin: float) -> tuple[np.ndarray, np.ndarray]:
-    """Kernel state and friction modes at `SECTION` if p2 were a ball that bounces once a period, and p1 stayed down."""
-    e, Gamma = value_of("e_2", parameters), parameters["Gamma"]
+def ball_state(m: ReturnMap, spin: float) -> np.ndarray:
+    """Kernel state at `SECTION` if p2 were a ball that bounces once a period, and p1 stayed down."""
+    e, Gamma, dm = value_of("e_2", m.parameters), m.parameters["Gamma"], m.dimer
     phase = acos(min(1.0, ball_fold(e) / Gamma)) if Gamma > 0 else 0.0
-    dm = dimer_from(parameters)
     kappa = -dm.m * dm.p1.h * dm.l / (dm.J_t + dm.m * dm.p1.h**2)  # acceleration of p2 over gravity while p1 stays down
     tau, leaves = SECTION - phase, 2 * np.pi * e / (1 + e)
     rate = kappa * (leaves - tau - Gamma * (cos(SECTION) - cos(phase)))
@@ -67,7 +73,7 @@ def ball_state(parameters: dict[str, float], spin: float) -> tuple[np.ndarray, n
     state[DIP] = dip_of(dm, state[D2])
     state[WB] = state[N2] / (dm.l * max(0.1, np.cos(dm.beta_0 + state[DIP])))
     state[CB] = dm.p1.r * spin
-    return state, np.array([STICK, FREE], dtype=float)
+    return state
 
 
 def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap, np.ndarray]:
@@ -120,32 +126,12 @@ def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> 
     yield from m.sections(passage)
 
 
-def of_run(
-    run: Run, parameters: dict[str, float], periods: int, rtol: float, tape: Tape
-) -> tuple[ReturnMap, np.ndarray]:
-    """The map and the point that a recorded run has come to; `parameters` may differ from those of the run."""
+def of_run(run: Run, m: ReturnMap) -> Start:
+    """The map and the point that a recorded run has come to; the parameters of `m` may differ from those of the run."""
     record = run.record("guess")
     last = record.segments[-1]
-    m = ReturnMap(parameters, record.row[ROW_PHI0], last[SEGMENT_MODES:SEGMENT_HOP_TIME].copy(), periods, rtol, tape)
-    return settled_on(m, last[:N_STATE].copy(), periods)
-
-
-def _from_ball(
-    parameters: dict[str, float], spin: float, transient: int, periods: int, rtol: float, tape: Tape
-) -> Fixed:
-    """Newton from the ball's orbit, after a transient."""
-    state, modes = ball_state(parameters, spin)
-    m = ReturnMap(parameters, SECTION, modes, periods, rtol, tape)
-    return solve(*settled_on(m, m.section.held(state, modes), transient * periods), spin)
-
-
-RTOL = 1e-12
-TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
-ONE_ORBIT = 1e-6  # radii and phases of two orbits that are one, relative to each other
-SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated
-MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
-SMALLEST_SHARE = 1e-3  # of the way from the parameters of one orbit to other ones
-GAPS_AND_RATES = range(4)  # the first of the coordinates of a section
+    m = replace(m, phase=record.row[ROW_PHI0], modes=last[SEGMENT_MODES:SEGMENT_HOP_TIME].copy())
+    return settled_on(m, last[:N_STATE].copy(), m.periods)
 
 
 def find(
@@ -212,10 +198,10 @@ def orbit_at(
     tape: Tape | None = None,
 ) -> PeriodicOrbit:
     """The orbit at a given spin, for parameters that have been checked; see `find`. A `tape` goes on counting periods."""
-    tape = Tape() if tape is None else tape
+    m = ReturnMap(given, SECTION, np.array([STICK, FREE], dtype=float), periods, rtol, Tape() if tape is None else tape)
     tried: list[str] = []
     found: list[PeriodicOrbit] = []
-    for name, start in _starts(spin, periods, guess, given, rtol, tape):
+    for name, start in _starts(m, spin, guess):
         try:
             orbit = _found(start())
         except OrbitLost as reason:
@@ -268,23 +254,18 @@ def checked_spin(spin: float | None, given: dict[str, float]) -> float:
 
 
 def _starts(
-    spin: float | None,
-    periods: int,
-    guess: Run | PeriodicOrbit | None,
-    given: dict[str, float],
-    rtol: float,
-    tape: Tape,
+    m: ReturnMap, spin: float | None, guess: Run | PeriodicOrbit | None
 ) -> Iterator[tuple[str, Callable[[], Fixed]]]:
-    """What leads to an orbit, in the order in which it is tried, each with its name."""
+    """What leads to an orbit of the map, in any section, in the order in which it is tried, each with its name."""
     if isinstance(guess, Run):
-        yield "the end of the run", partial(_from_run, guess, given, spin, periods, rtol, tape)
+        yield "the end of the run", partial(_from_run, guess, m, spin)
     elif isinstance(guess, PeriodicOrbit):
-        yield "the orbit given", partial(_from_orbit, guess, given, spin, periods, rtol, tape)
+        yield "the orbit given", partial(_from_orbit, guess, m, guess.spin if spin is None else spin)
     else:
-        spin = rolled_up(given) if spin is None else spin
+        spin = rolled_up(m.parameters) if spin is None else spin
         for transient in TRANSIENTS:
             name = f"the ball's orbit in closed form, {transient} period{'s' if transient > 1 else ''} on"
-            yield name, partial(_from_ball, given, spin, transient, periods, rtol, tape)
+            yield name, partial(_from_ball, m, spin, transient)
 
 
 def _found(fixed: Fixed) -> PeriodicOrbit:
@@ -319,29 +300,34 @@ def repeats_after(fixed: Fixed) -> int:
     return m.periods
 
 
-def _from_run(run: Run, given: dict[str, float], spin: float | None, periods: int, rtol: float, tape: Tape) -> Fixed:
+def _from_ball(m: ReturnMap, spin: float, transient: int) -> Fixed:
+    """Newton from the ball's orbit, after a transient."""
+    state = m.section.held(ball_state(m, spin), m.modes)
+    return solve(*settled_on(m, state, transient * m.periods), spin)
+
+
+def _from_run(run: Run, m: ReturnMap, spin: float | None) -> Fixed:
     """Newton from what a run has come to."""
-    m, z = of_run(run, given, periods, rtol, tape)
+    m, z = of_run(run, m)
     return solve(m, z, m.image(z).spin if spin is None else spin)
 
 
-def _from_orbit(
-    orbit: PeriodicOrbit, given: dict[str, float], spin: float | None, periods: int, rtol: float, tape: Tape
-) -> Fixed:
+def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
     """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
-    old, spin = orbit.fixed.map, orbit.spin if spin is None else spin
+    old, given = orbit.fixed.map, m.parameters
     first, last = ({name: value_of(name, one) for name in ROW} for one in (old.parameters, given))
-    fixed = orbit.fixed._replace(map=ReturnMap(old.parameters, old.phase, old.modes, periods, rtol, tape))
-    known = system(old, fixed.matrix, fixed.gradient) if periods == old.periods else None
+    fixed = orbit.fixed._replace(map=replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
+    known = system(old, fixed.matrix, fixed.gradient) if m.periods == old.periods else None
     done, step, reason = 0.0, 1.0, OrbitLost("")
     while done < 1.0:
         if step < SMALLEST_SHARE:
             raise OrbitLost(f"{reason}, {done:.0%} of the way")
         there = min(1.0, done + step)
         values = given if there == 1.0 else {name: first[name] + there * (last[name] - first[name]) for name in ROW}
-        m = replace(fixed.map, parameters=values)
         try:
-            fixed = _beside(fixed, m, orbit.spin + there * (spin - orbit.spin), known)
+            fixed = _beside(
+                fixed, replace(fixed.map, parameters=values), orbit.spin + there * (spin - orbit.spin), known
+            )
         except OrbitLost as error:
             reason, step = error, 0.5 * step
             continue
