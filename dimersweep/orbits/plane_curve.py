@@ -4,7 +4,6 @@ The unknowns are those of a point of the border (the orbit, for a bifurcation it
 second parameter: one more than there are equations. They are followed by `continuation`.
 """
 
-from functools import partial
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -108,13 +107,19 @@ class Place(NamedTuple):
         tangent = np.linalg.svd(self._derivative(self.y))[2][-1]
         return self._replace(tangent=tangent if tangent[-along.size :] @ along >= 0 else -tangent)
 
+    def tests(self) -> dict[str, float]:
+        """Functions that change their sign where the curve meets another border, or turns round, by the names of that."""
+        turns = {f"turn {self.curve.parameter}": self.tangent[-2], f"turn {self.other.name}": self.tangent[-1]}
+        return self.curve.tests(self.found) | turns
+
     def special(self, b: "Place") -> "list[tuple[Place, str]]":
         """Where the curve meets other borders, or turns round, up to another of its points, in their order."""
         at, kind = Between(self, b), self.curve.kind
-        tests = {name: partial(_test, name) for name in self.curve.tests(self.found)}
-        tests |= {f"turn {self.curve.parameter}": partial(_slope, -2), f"turn {self.other.name}": partial(_slope, -1)}
-        shares = {name: zero(at, test, LOCATED) for name, test in tests.items()}
-        found = [(share, name) for name, share in shares.items() if share is not None]
+
+        def met(name: str) -> float | None:
+            return zero(at, lambda place: place.tests()[name], LOCATED)
+
+        found = [(share, name) for name in self.tests() if (share := met(name)) is not None]
         low, word, last = 0.0, self.found.orbit.word, b.found.orbit.word
         while kind.rows and word != last and len(found) < MOST_CHANGES:
             low, high = halved(lambda share: at[share].found.orbit.word, low, 1.0, WORD_LOCATED)
@@ -137,14 +142,6 @@ class Place(NamedTuple):
         except OrbitLost as reason:
             return rows, f"lost: {reason}"
         return rows, f"{points} points were asked for"
-
-
-def _test(name: str, place: Place) -> float:
-    return place.curve.tests(place.found)[name]
-
-
-def _slope(k: int, place: Place) -> float:
-    return float(place.tangent[k])
 
 
 def _at_kink(found: Found) -> bool:

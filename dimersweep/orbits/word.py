@@ -61,20 +61,18 @@ def _symbols(events: np.ndarray) -> list[str]:
 
 def _chatter_as_one(symbols: Sequence[str], most: int) -> list[str]:
     """Symbols with the hops of a chatter joined to one symbol; other impacts of an end in a row are counted to `most`."""
-    kept: list[str] = []
+    kept: list[tuple[str, int]] = []
     for symbol in symbols:
-        end = symbol[-1] if symbol.startswith("SI") else ""
-        name = f"bounces.{end}" if end else symbol
+        name = f"bounces.{symbol[-1]}" if symbol.startswith("SI") else symbol
+        last, count = kept[-1] if kept else ("", 0)
         if symbol == "chatter":
-            if kept and kept[-1].startswith("bounces"):
-                kept[-1] = f"chatter.{kept[-1].split('.')[1][0]}"
-            continue
-        if end and kept and kept[-1].split("*")[0] == name:
-            before = kept[-1].split("*")
-            kept[-1] = f"{name}*{min(most, int(before[1]) + 1 if len(before) > 1 else 2)}"
-            continue
-        kept.append(name)
-    return kept
+            if last.startswith("bounces"):
+                kept[-1] = last.replace("bounces", "chatter"), 1
+        elif name == last and name.startswith("bounces"):
+            kept[-1] = name, count + 1
+        else:
+            kept.append((name, 1))
+    return [name if count == 1 else f"{name}*{min(most, count)}" for name, count in kept]
 
 
 def _far(events: np.ndarray, length: float) -> list[str]:
