@@ -135,17 +135,9 @@ def images_around(m: ReturnMap, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @singular_lost()
 def on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, y: np.ndarray) -> OnBorder:
-    """The point of a border near an orbit; lost if Newton's method does not come to one.
+    """The point of a border near an orbit, given by its section point and the parameter over its scale.
 
-    Parameters
-    ----------
-    kind : Bifurcation
-    axis : Axis
-        The parameter that is solved for.
-    m : ReturnMap
-        At the other parameters.
-    y : ndarray, shape (n + 1,)
-        Section point and parameter over its scale.
+    It is lost if Newton's method does not come to one.
     """
     around = images_around(axis.map_at(m, y[-1]), y[:-1])
     V, unknown = kind.begin(around[1])

@@ -48,12 +48,6 @@ class Walk:
     Where a motion may have many such borders, every point that is not reached is begun by itself, and so is the last one of
     each stretch that was followed: if that gives another one, the half of the stretch before it is given up and followed from
     there.
-
-    Parameters
-    ----------
-    curve : Curve
-    axes : dict of str to ndarray
-    start : PeriodicOrbit, optional
     """
 
     def __init__(self, curve: Curve, axes: dict[str, np.ndarray], start: PeriodicOrbit | None) -> None:

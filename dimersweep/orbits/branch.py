@@ -201,11 +201,7 @@ def lent(near: Point, y: np.ndarray, normal: np.ndarray, most: int = NEWTON_STEP
 class Equations:
     """The equations of a point: the orbit closes, and one more equation holds.
 
-    Parameters
-    ----------
-    near : Point
-    last : callable
-        Of section point with parameter, map and image: zero where the other equation holds.
+    That is where `last`, of section point with parameter, map and image, is zero.
     """
 
     def __init__(self, near: Point, last: Callable[[np.ndarray, ReturnMap, Image], float]) -> None:

@@ -104,7 +104,6 @@ class Curve(ABC):
         Axial spin [rad/s].
     rtol : float
         Accuracy of the map.
-    tape : Tape, optional
     """
 
     alone: ClassVar = False
@@ -127,18 +126,8 @@ class Curve(ABC):
     def point(self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None) -> Found:
         """The point of the border at values of the other parameters.
 
-        Parameters
-        ----------
-        values : dict
-        near : list of Found
-            Neighbours at equal distances, the nearest first; without any the border is looked for on a branch.
-        start : PeriodicOrbit, optional
-            Of that branch.
-
-        Raises
-        ------
-        OrbitLost, OrbitError
-            If none is found.
+        It is found from neighbours at equal distances, the nearest first; without any the border is looked for on a branch,
+        that of a start or of orbits at these values.
         """
         spent, given = self.tape.periods, self.given | values
         if near:

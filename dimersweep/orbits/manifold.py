@@ -117,13 +117,7 @@ def creep_of(fixed: Fixed) -> Creep:
 def creep_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gradient: np.ndarray) -> Creep:
     """The motion on the manifold that passes near a point with a spin after its last impact [rad/s]; lost if there is none.
 
-    Parameters
-    ----------
-    m : ReturnMap
-    z : ndarray, shape (n,)
-    spin : float
-    matrix, gradient : ndarray, shapes (n, n), (n,)
-        Derivatives of the map and of the spin nearby.
+    `matrix` and `gradient` are the derivatives of the map and of the spin nearby, shapes (n, n) and (n,).
     """
 
     def value(begin: np.ndarray) -> tuple[np.ndarray, list[Image]]:

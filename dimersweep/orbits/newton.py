@@ -151,13 +151,7 @@ def fixed_at(m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: 
 def solve(m: ReturnMap, z: np.ndarray, spin: float, known: np.ndarray | None = None) -> Fixed:
     """The fixed point near a point, at a spin after the last impact of a period [rad/s]; lost if the steps do not come to one.
 
-    Parameters
-    ----------
-    m : ReturnMap
-    z : ndarray, shape (n,)
-    spin : float
-    known : ndarray, shape (n, n), optional
-        Derivative of `defect` nearby, from which the steps begin.
+    A `known` derivative of `defect` nearby is what the steps begin with.
     """
 
     def value(z: np.ndarray) -> tuple[np.ndarray, Image]:
