@@ -53,6 +53,8 @@ class Kind:
         Of the way from the ball's fold to its flip, where those orbits are looked for.
     doubles : bool
         Whether the period is doubled there.
+    zero : callable, optional
+        From the sides of a change of word, the function of the orbit that is zero there, if one is known.
     """
 
     name: str
@@ -66,11 +68,12 @@ class Kind:
     rows: ClassVar[int] = 0  # real vectors that make the eigenvector there: 1 or 2; 0 where multipliers say nothing
     of_word: ClassVar[bool] = False  # whether the word changes there
     doubles: bool = False
+    zero: Callable[[Sides], Mark | None] | None = None
 
     @property
     def has_equation(self) -> bool:
         """Whether it is where a function of the orbit is zero."""
-        return self.rows > 0
+        return self.rows > 0 or self.zero is not None
 
     def test(self, point: Point) -> float:
         """A function of a point of a branch that changes its sign at the border; NaN if there is none."""
@@ -176,23 +179,16 @@ class Change(Kind):
         Whether a change from one word to another one is of this kind.
     begins : str
         Only symbols that begin so are compared.
-    zero : callable, optional
-        From the sides of a change, the function of the orbit that is zero there, if one is known.
     lines : callable, optional
         Numbers of a motion of which one changes its sign wherever such a change is, if they are known.
     """
 
     leads: Callable[[str, str], bool]
     begins: str = ""
-    zero: Callable[[Sides], Mark | None] | None = None
     lines: Callable[[Image], np.ndarray] | None = None
     color: str = "#009e73"
     marker: str = "|"
     of_word = True
-
-    @property
-    def has_equation(self) -> bool:
-        return self.zero is not None
 
     def mark(self, sides: Sides) -> Mark | None:
         """The function of the orbit that is zero where the words on both sides change into one another, if one is known."""

@@ -6,7 +6,7 @@ On the other side the map is smooth, and so is that gap. A branch may turn back 
 the parameter.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple, cast
@@ -115,9 +115,11 @@ class Special(NamedTuple):
 
 def specials(a: Point, b: Point, words: bool = True) -> tuple[list[Special], Special | None]:
     """Special points of a step of a branch, in their order, and the change of word at which it leaps to another branch."""
-    changes, leap = word_changes(a, b) if words else ([], None)
-    if leap is not None:
-        return changes, leap
+    changes: list[Special] = []
+    for change in word_changes(a, b) if words else ():
+        if change.jump > JOINED or len(changes) == MOST_CHANGES:
+            return changes, change
+        changes.append(change)
     at = Between(a, b)
     found = [special for kind in BORDER_KINDS.values() if (special := located(kind, at)) is not None]
     return sorted([*found, *changes], key=lambda special: special.share), None
@@ -129,17 +131,13 @@ def located(kind: Kind, at: Between[Point]) -> Special | None:
     return None if share is None else Special(kind, at[share], share)
 
 
-def word_changes(a: Point, b: Point) -> tuple[list[Special], Special | None]:
-    """Where the word changes between two points of a branch, and the change beyond which the next orbit is another branch's."""
-    found: list[Special] = []
+def word_changes(a: Point, b: Point) -> Iterator[Special]:
+    """Where the word changes between two points of a branch, one after the other."""
     low, left = 0.0, a
     while left.word != b.word:
         change = last_with(left.word.__eq__, low, left, b)
-        if change.jump > JOINED or len(found) == MOST_CHANGES:
-            return found, change
-        found.append(change)
+        yield change
         low, left = change.share, cast(Point, change.beyond)
-    return found, None
 
 
 def last_with(holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Special:

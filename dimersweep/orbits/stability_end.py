@@ -5,6 +5,7 @@ That is a fold, a flip or a torus, or a change of word over which the multiplier
 
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
+from itertools import islice
 from typing import ClassVar, cast
 
 import numpy as np
@@ -19,7 +20,7 @@ from dimersweep.orbits.manifold import multipliers_of
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import TURN, OrbitLost
-from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, last_with, located, on_own_side
+from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, located, on_own_side, word_changes
 
 NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which on changes of word are looked for
 GAP = 1e-2  # part of the parameter over which an orbit may be missing or leap
@@ -181,27 +182,19 @@ def _in_step(a: Point, b: Point) -> Special:
             return special
     shares = halved(lambda share: is_stable(at[share]), 0.0, 1.0, NARROW_STRETCH / at.length)
     low, high = (at[share] for share in shares)
-    word, last = low.word, high.word
-    left, share = low, 0.0
-    for _ in range(MOST_CHANGES):
-        if word == last:
-            break
-        try:
-            change = last_with(word.__eq__, share, left, high)
-        except OrbitLost:
-            break
-        left, share, word = cast(Point, change.beyond), change.share, change.words[1]
-        if change.jump > JOINED or not _is_stable_on_own_side(left, word):
-            return change
+    with suppress(OrbitLost):
+        for change in islice(word_changes(low, high), MOST_CHANGES):
+            if change.jump > JOINED or not _is_stable_on_own_side(cast(Point, change.beyond)):
+                return change
     whole = [point.fixed.image.passage.whole_word for point in (low, high)]
     kind = change_of(*whole) if whole[0] != whole[1] else WORD
-    return Special(kind, low, 0.0, 0.0, (word, last))
+    return Special(kind, low, 0.0, 0.0, (low.word, high.word))
 
 
-def _is_stable_on_own_side(beyond: Point, word: str) -> bool:
-    """Whether the first orbit beyond a change to a word is stable, by derivatives to its own side."""
+def _is_stable_on_own_side(beyond: Point) -> bool:
+    """Whether the first orbit beyond a change of word is stable, by derivatives to its own side."""
     with suppress(OrbitLost):
-        return is_stable(on_own_side(beyond, word.__eq__))
+        return is_stable(on_own_side(beyond, beyond.word.__eq__))
     return False
 
 
