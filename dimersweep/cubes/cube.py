@@ -54,25 +54,21 @@ def labelled(values: xr.Variable, quantity: Quantity) -> xr.Variable:
     return variable
 
 
-def label_variable(name: str, dims: tuple[str, ...], values: np.ndarray) -> xr.Variable:
-    """Integer results: flags as int8, counts as int64 (a long run has more events than 32 bits can count)."""
-    attributes: dict[str, Any] = {"long_name": QUANTITIES[name].long_name}
-    kind = np.int8 if name in FLAGS else np.int64
+def variable(name: str, dims: tuple[str, ...], values: np.ndarray, quantity: Quantity | None = None) -> xr.Variable:
+    """Results with their unit: floats, NaN where they have no meaning; flags as int8, counts as int64.
+
+    A long run has more events than 32 bits can count.
+    """
+    quantity = quantity or QUANTITIES[name]
+    kind: type = np.int8 if name in FLAGS else float if values.dtype.kind == "f" else np.int64
+    attributes = quantity.attributes(kind)
     if name in FLAGS:
-        attributes["flag_values"] = np.arange(len(FLAGS[name]), dtype=np.int8)
-        attributes["flag_meanings"] = " ".join(FLAGS[name])
-    else:
-        attributes |= QUANTITIES[name].attributes(np.int64)
-    variable = xr.Variable(dims, values.astype(kind), attributes)
-    variable.encoding.update(PACKED, _FillValue=None)  # with one, xarray would read the integers back as floats
-    return variable
-
-
-def float_variable(dims: tuple[str, ...], values: np.ndarray, quantity: Quantity) -> xr.Variable:
-    """Float results with their unit; NaN where they have no meaning."""
-    variable = xr.Variable(dims, values, quantity.attributes())
-    variable.encoding.update(PACKED, _FillValue=np.nan)
-    return variable
+        codes, words = np.arange(len(FLAGS[name]), dtype=np.int8), " ".join(FLAGS[name])
+        attributes = {"long_name": quantity.long_name, "flag_values": codes, "flag_meanings": words}
+    made = xr.Variable(dims, values.astype(kind, copy=False), attributes)
+    # with a fill value, xarray would read integers back as floats
+    made.encoding.update(PACKED, _FillValue=np.nan if kind is float else None)
+    return made
 
 
 def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -95,22 +91,20 @@ def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[st
         `mode`, `status`, `di_end` (int8 with flag meanings), counts (int64) and the float quantities, each with units.
     """
     dims = tuple(grid.axes)
-    labels = dict(zip(CODES, codes.T, strict=True))
+    columns = dict(zip((*CODES, *OUT), (*codes.T, *out.T), strict=True))
     variables = {
-        name: label_variable(name, dims, labels[name].reshape(grid.shape)) for name in dict.fromkeys(("mode", *CODES))
+        name: variable(name, dims, columns[name].reshape(grid.shape)) for name in dict.fromkeys(("mode", *columns))
     }
-    for name, values in zip(OUT, out.T, strict=True):
-        variables[name] = float_variable(dims, values.reshape(grid.shape), QUANTITIES[name])
     return xr.Dataset(variables, coordinates_of(grid), attributes)
 
 
 def with_fields(cube: xr.Dataset, results: np.ndarray, fields: Iterable[Field]) -> xr.Dataset:
     """`cube` with what its results, shape (n,), have besides those of runs: a variable for each field."""
     shape, dims = cube["mode"].shape, tuple(map(str, cube["mode"].dims))
-    for name, quantity, kind, along, about in fields:
+    for name, quantity, _, along, about in fields:
         over = dims if along is None else (*dims, along.name)
         values = results[name].reshape(*shape, *results.dtype[name].shape)
-        cube[name] = label_variable(name, over, values) if "i" in kind else float_variable(over, values, quantity)
+        cube[name] = variable(name, over, values, quantity)
         if along is not None:
             cube = cube.assign_coords({along.name: coordinate(*along)})
         if about:
@@ -136,7 +130,7 @@ def coordinates_of(grid: Grid) -> dict[str, xr.Variable]:
     values |= {name: xr.Variable((), value) for name, value in grid.fixed.items()}
     coordinates = {name: labelled(xr.as_variable(each), quantities[name]) for name, each in completed(values).items()}
     if "direction" in grid.axes:
-        coordinates["direction"] = label_variable("direction", ("direction",), grid.axes["direction"])
+        coordinates["direction"] = variable("direction", ("direction",), grid.axes["direction"])
     return coordinates
 
 
@@ -183,7 +177,7 @@ def signed(cube: xr.Dataset, configuration: Mapping[str, Any]) -> xr.Dataset:
     cube = cube.assign_coords({name: labelled(each, SETTINGS[name]) for name, each in settings.items()})
     varied = [name for name in (*ROW, *SETTINGS) if name in cube.variables and cube.variables[name].ndim]
     number = np.full(cube["mode"].shape, made_number(cube, varied))
-    cube["made_with"] = label_variable("made_with", tuple(map(str, cube["mode"].dims)), number)
+    cube["made_with"] = variable("made_with", tuple(map(str, cube["mode"].dims)), number)
     cube["made_with"].attrs["varied"] = " ".join(varied)
     return cube
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import coordinate, label_variable
+from dimersweep.cubes.cube import coordinate, variable
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.cubes.results import runs
 from dimersweep.errors import ParameterError
@@ -231,7 +231,7 @@ def _table(
     for k, which in enumerate(SIDES):
         for way, word in enumerate(DIRECTIONS):
             codes = np.array([pair[k].modes[way] for _, pair in found], dtype=np.int8)
-            flags = label_variable("mode", ("loop",), codes)
+            flags = variable("mode", ("loop",), codes)
             flags.attrs["long_name"] = (
                 f"{QUANTITIES['mode'].long_name} on the way {word}, inside the loop at its {which} end"
             )

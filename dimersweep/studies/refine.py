@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Self, Unpack
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import label_variable
+from dimersweep.cubes.cube import variable
 from dimersweep.cubes.grid import Grid, check_fits, finer
 from dimersweep.cubes.results import not_run
 from dimersweep.errors import ParameterError
@@ -217,7 +217,7 @@ class RefinedMap(Search):
             for name in FILLED:
                 values = cube[name].values
                 values[face][missing] = values[tuple(span.start for span in face)]
-        cube["computed"] = label_variable("computed", tuple(self.grid.axes), computed)
+        cube["computed"] = variable("computed", tuple(self.grid.axes), computed)
         return cube
 
 

@@ -8,7 +8,7 @@ from typing import Any, Self, Unpack
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import FLAGS, blank, build, float_variable, label_variable, with_fields
+from dimersweep.cubes.cube import FLAGS, blank, build, variable, with_fields
 from dimersweep.cubes.grid import Grid, check_fits, legal_points, make_grid
 from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results, not_ok, not_run, runs
 from dimersweep.errors import ParameterError
@@ -172,17 +172,17 @@ class Search(Study):
         shape, dims, counts = self.grid.shape, tuple(self.grid.axes), results["counts"]
         cube = build(self.grid, results["out"], results["codes"])
         failed = ~not_run(results["codes"]) & (results["answer"] == A_NOT_RUN)
-        cube["answer"] = label_variable("answer", dims, np.where(failed, A_UNSURE, results["answer"]).reshape(shape))
-        cube["region"] = label_variable("region", dims, self.regions(results).reshape(shape))
+        cube["answer"] = variable("answer", dims, np.where(failed, A_UNSURE, results["answer"]).reshape(shape))
+        cube["region"] = variable("region", dims, self.regions(results).reshape(shape))
         known = {name: each.variable for name, each in cube.coords.items() if name in PARAMETERS}
         deciders = np.concatenate(([np.nan], self.question.values))[results["decider"]]
         known[self.question.axis] = xr.Variable(dims, deciders.reshape(shape))
         for name, values in completed(known).items():  # the one that decided, and what is as that one
             if name not in cube.coords:
-                cube[name] = float_variable(values.dims, values.values, PARAMETERS[name])
-        cube["n_runs"] = label_variable("n_runs", dims, counts.sum(axis=1).reshape(shape))
-        cube["runs"] = label_variable("runs", (*dims, "outcome"), counts.reshape(*shape, len(MODES)))
-        cube = cube.assign_coords(outcome=label_variable("outcome", ("outcome",), np.arange(len(MODES))))
+                cube[name] = variable(name, values.dims, values.values, PARAMETERS[name])
+        cube["n_runs"] = variable("n_runs", dims, counts.sum(axis=1).reshape(shape))
+        cube["runs"] = variable("runs", (*dims, "outcome"), counts.reshape(*shape, len(MODES)))
+        cube = cube.assign_coords(outcome=variable("outcome", ("outcome",), np.arange(len(MODES))))
         return with_fields(cube, results, self.fields)
 
     def results_of(self, cube: xr.Dataset) -> np.ndarray:
