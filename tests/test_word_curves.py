@@ -6,7 +6,7 @@ import pytest
 from dimersweep import orbits
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.word import rests, sides_of
+from dimersweep.orbits.passage import rests, sides_of
 from tests.checks.dimers import random_dimer
 from tests.checks.tables import multipliers
 

@@ -16,8 +16,8 @@ from dimersweep.orbits.finding import orbit_at
 from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, Kind, ball_flip, ball_fold
 from dimersweep.orbits.labelling import DOUBLING, Column
 from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.passage import Sides, far_ends
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
-from dimersweep.orbits.word import Sides, far_ends
 from dimersweep.parameters import value_of
 
 STATUS_LENGTH = 100  # of a status at most

@@ -12,21 +12,7 @@ import numpy as np
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.kernel.model.body import dip_of
-from dimersweep.kernel.model.layout import (
-    CB,
-    D2,
-    DIP,
-    FREE,
-    N2,
-    N_STATE,
-    PERIOD,
-    PHASE,
-    ROW,
-    ROW_PHI0,
-    SPIN,
-    STICK,
-    WB,
-)
+from dimersweep.kernel.model.layout import FREE, N_STATE, PERIOD, PHASE, ROW, ROW_PHI0, SPIN, STICK, State
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.kinds import ball_fold
 from dimersweep.orbits.manifold import creep_of, multipliers_of, slow_direction
@@ -68,12 +54,10 @@ def ball_state(m: ReturnMap, spin: float) -> np.ndarray:
     rate = kappa * (leaves - tau - Gamma * (cos(SECTION) - cos(phase)))
     gap = kappa * (leaves * tau - tau**2 / 2 - Gamma * (sin(SECTION) - sin(phase) - tau * cos(phase)))
     v = dm.g / dm.omega
-    state = np.zeros(N_STATE)
-    state[D2], state[N2], state[SPIN] = max(gap, 0.1) * v / dm.omega, rate * v, spin
-    state[DIP] = dip_of(dm, state[D2])
-    state[WB] = state[N2] / (dm.l * max(0.1, np.cos(dm.beta_0 + state[DIP])))
-    state[CB] = dm.p1.r * spin
-    return state
+    d2, n2 = max(gap, 0.1) * v / dm.omega, rate * v
+    dip = dip_of(dm, d2)
+    wb = n2 / (dm.l * max(0.1, np.cos(dm.beta_0 + dip)))
+    return np.array(State(d2=d2, n2=n2, dip=dip, wb=wb, spin=spin, cb=dm.p1.r * spin))
 
 
 def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap, np.ndarray]:

@@ -13,8 +13,8 @@ import numpy as np
 
 from dimersweep.kernel.verdict.past import HOP_LINE
 from dimersweep.orbits.branch import Mark, Point
+from dimersweep.orbits.passage import TURN, Sides, longest_hop
 from dimersweep.orbits.poincare import Image, OrbitLost
-from dimersweep.orbits.word import TURN, Sides, longest_hop
 
 COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
 HOP_ASIDE = 1e-9  # how far on this side of a hop of half a period its orbit lies, in forcing periods

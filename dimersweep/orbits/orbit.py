@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.inputs import check_count
-from dimersweep.kernel.model.layout import DIP, GAMMA, PERIOD, PHASE, THETA, X1, Y1
+from dimersweep.kernel.model.layout import State
 from dimersweep.orbits.manifold import Creep, creep_at, multipliers_of
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, strike_of
@@ -53,9 +53,9 @@ def path_of(m: ReturnMap, z: np.ndarray) -> MeanPath:
     at = TURN * m.periods * parts
     _, _, passage = m.tape.run(m.row, m.state(z), 2 * m.periods, m.rtol, path=True)
     states, _ = m.states(passage, np.searchsorted(passage.times, at, side="right") - 1, at)
-    heading = np.exp(1j * states[:, THETA])
-    places = states[:, X1] + 1j * states[:, Y1] - 1j * m.dimer.p1.h * np.cos(m.dimer.beta_0 + states[:, DIP]) * heading
-    turn, later = np.diff(states[::count, THETA]).tolist()
+    s = State(*states.T)
+    places = s.x1 + 1j * s.y1 - 1j * m.dimer.p1.h * np.cos(m.dimer.beta_0 + s.dip) * np.exp(1j * s.theta)
+    turn, later = np.diff(s.theta[::count]).tolist()
     step = np.repeat([turn, later], count) / count
     chords = np.exp(-1j * (np.cumsum(step) - 0.5 * step)) * np.diff(places)
     way, next_way = chords.reshape(2, count).sum(axis=1)
@@ -189,10 +189,10 @@ class PeriodicOrbit:
         m, tape = self.fixed.map, self.fixed.map.tape
         phase = (self.parameters["phi0"] - m.phase) % TURN
         state, _ = m.sampled(self.creep.image.passage, phase)
-        state[[PHASE, PERIOD, THETA, X1, Y1, GAMMA]] = 0.0  # the cyclic ones begin anew
+        # the cyclic coordinates begin anew
+        begun = State(*state)._replace(phase=0.0, period=0.0, theta=0.0, x1=0.0, y1=0.0, gamma=0.0)
         row = m.row_at(self.parameters["phi0"])
-        begun = np.concatenate([state, np.zeros(2)])[None]
-        solved = run_row(row, begun, exactly(periods, rtol), tape.space, record=True)
+        solved = run_row(row, np.array([[*begun, 0.0, 0.0]]), exactly(periods, rtol), tape.space, record=True)
         run = as_run(self.parameters, rtol, solved, None)
         start = start_of(run.states(0.0))
         del start["phase"]  # which is phi0

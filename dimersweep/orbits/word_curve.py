@@ -22,10 +22,10 @@ from dimersweep.orbits.labelling import Column
 from dimersweep.orbits.manifold import lag, multipliers_of
 from dimersweep.orbits.newton import defect, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
+from dimersweep.orbits.passage import Sides, far_ends, rests, sides_of
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, first_found, singular_lost
 from dimersweep.orbits.specials import MOST_CHANGES, Special, graze, last_with, least_gap, specials
 from dimersweep.orbits.stability_end import across, beyond_gap, is_stable, last_that
-from dimersweep.orbits.word import Sides, far_ends, rests, sides_of
 
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
