@@ -66,11 +66,15 @@ A_r = [5.5, 6]
 """
 
 
+def declared_in(folder, text=FAMILIES):
+    declaration = folder / "two.toml"
+    declaration.write_text(text)
+    return read_borders(declaration)
+
+
 @pytest.mark.jit
 def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monkeypatch):
-    declaration, out = tmp_path / "two.toml", tmp_path / "two.nc"
-    declaration.write_text(FAMILIES)
-    declared, parts = read_borders(declaration), tmp_path / "two.nc.parts"
+    declared, out, parts = declared_in(tmp_path), tmp_path / "two.nc", tmp_path / "two.nc.parts"
     whole, asked = make_borders(declared), []
 
     def stopping(**given):
@@ -101,9 +105,7 @@ def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monke
 
 @pytest.mark.jit
 def test_parts_of_another_declaration_are_refused(tmp_path):
-    declaration, out = tmp_path / "two.toml", tmp_path / "two.nc"
-    declaration.write_text(FAMILIES)
-    declared = read_borders(declaration)
+    declared, out = declared_in(tmp_path), tmp_path / "two.nc"
     with opened_store(parts_of(out), declared.configuration | {"fixed": {"e": 0.5}}, 2):
         pass
     assert plan_borders(declared, out) == ["families: 2 parts, 3 points each: family-0, family-1"]
@@ -115,9 +117,7 @@ def test_parts_of_another_declaration_are_refused(tmp_path):
 
 @pytest.mark.jit
 def test_a_part_that_is_damaged_is_told_and_made_again(tmp_path, monkeypatch):
-    declaration, out, parts = tmp_path / "two.toml", tmp_path / "two.nc", tmp_path / "two.nc.parts"
-    declaration.write_text(FAMILIES)
-    declared = read_borders(declaration)
+    declared, out, parts = declared_in(tmp_path), tmp_path / "two.nc", tmp_path / "two.nc.parts"
     whole, asked, makers = make_borders(declared), [], declared.parts()
     with opened_store(parts, declared.configuration, len(makers)) as store:
         for place, (name, make) in enumerate(makers.items()):
@@ -135,8 +135,7 @@ def test_a_part_that_is_damaged_is_told_and_made_again(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("kind", ["file", "folder", "link", "dangling link"])
 def test_what_is_no_store_of_parts_is_refused_and_stays(tmp_path, kind):
-    declaration, parts, mine = tmp_path / "two.toml", tmp_path / "two.nc.parts", tmp_path / "mine"
-    declaration.write_text(FAMILIES)
+    declared, parts, mine = declared_in(tmp_path), tmp_path / "two.nc.parts", tmp_path / "mine"
     mine.write_text("precious")
     if kind == "file":
         parts.write_text("precious")
@@ -146,18 +145,16 @@ def test_what_is_no_store_of_parts_is_refused_and_stays(tmp_path, kind):
         parts.symlink_to(mine if kind == "link" else "nowhere")
     for force in (False, True):
         with pytest.raises(StoreError, match=r"two.nc.parts: .*, where what is finished is kept; move it, or"):
-            make_borders(read_borders(declaration), tmp_path / "two.nc", force=force)
+            make_borders(declared, tmp_path / "two.nc", force=force)
     assert mine.read_text() == "precious"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine", "two.nc.parts", "two.toml"]
 
 
 @pytest.mark.jit
 def test_a_file_that_fails_leaves_nothing_behind(tmp_path):
-    declaration, out = tmp_path / "none.toml", tmp_path / "none.nc"
-    declaration.write_text(FAMILIES + "[fixed]\nGamma = 0.1\n")
     with pytest.raises(OrbitError):
-        make_borders(read_borders(declaration), out)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["none.toml"]
+        make_borders(declared_in(tmp_path, FAMILIES + "[fixed]\nGamma = 0.1\n"), tmp_path / "none.nc")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["two.toml"]
 
 
 def test_a_branch_is_drawn_as_a_smooth_curve_through_its_points():
@@ -193,9 +190,7 @@ def test_curves_are_those_of_border(tmp_path):
     text = text.replace(
         'kinds = ["stable_from", "stable_to", "fold", "flip", "hop"]', 'kinds = ["fold", "flip"]'
     ).replace("num = 7", "num = 3")
-    declaration = tmp_path / "atlas.toml"
-    declaration.write_text(text)
-    made = make_borders(read_borders(declaration))
+    made = make_borders(declared_in(tmp_path, text))
     direct = orbits.border("flip", "Gamma", over={"A_r": [6.0], "e": [0.5, 0.6, 0.7]}, spin=100.0)
     made = made.swap_dims(border="kind")
     assert made["Gamma"].sel(kind="flip").values == pytest.approx(direct["Gamma"].values, abs=1e-9)
@@ -319,26 +314,21 @@ def test_what_is_no_file_of_borders_is_refused_in_a_line(tmp_path):
 @pytest.mark.jit
 def test_xdot0_may_give_the_spin_of_branches_and_of_curves(tmp_path):
     for text in (CURVES, BRANCHES):
-        declaration = tmp_path / "a.toml"
-        declaration.write_text(text.replace("spin = 100", "").replace("[over]", "[fixed]\nxdot0 = 0.5\n[over]"))
-        assert read_borders(declaration).fixed == {"xdot0": 0.5}
+        given = text.replace("spin = 100", "").replace("[over]", "[fixed]\nxdot0 = 0.5\n[over]")
+        assert declared_in(tmp_path, given).fixed == {"xdot0": 0.5}
 
 
 @pytest.mark.jit
 def test_words_of_all_parts_are_written_whole(tmp_path):
     """The status of the hop is longer than that of the fold before it."""
-    declaration, out = tmp_path / "two.toml", tmp_path / "two.nc"
+    out = tmp_path / "two.nc"
     text = (BORDERS / "atlas-small.toml").read_text()
     text = text.replace('["stable_from", "stable_to", "fold", "flip", "hop"]', '["fold", "hop", "stable_to"]')
-    declaration.write_text(text.replace("start = 0.5, stop = 0.7, num = 7", "start = 0.65, stop = 0.7, num = 2"))
-    made = make_borders(read_borders(declaration), out)
+    text = text.replace("start = 0.5, stop = 0.7, num = 7", "start = 0.65, stop = 0.7, num = 2")
+    made = make_borders(declared_in(tmp_path, text), out)
     with xr.open_dataset(out) as back:
         assert back["status"].values.tolist() == made["status"].values.tolist()
-        assert back["status"].values.ravel().tolist()[:4] == [
-            "ok",
-            "ok",
-            "ok",
-            "several beyond, of motions that come to no rest",
-        ]
+        beyond = "several beyond, of motions that come to no rest"
+        assert back["status"].values.ravel().tolist()[:4] == ["ok", "ok", "ok", beyond]
         ends = back.swap_dims(border="kind").sel(kind="stable_to")
         assert set(ends["ends_by"].values.ravel()) == {"flip"} and (ends["loses_stability"] == 1).all()

@@ -23,6 +23,10 @@ class KnownMap:
         return SimpleNamespace(point=np.array(self.formula(*z)))
 
 
+def fixed_point(m, z):
+    return newton(lambda z: (m.image(z).point - z, None), z, lambda z: m.jacobian(z)[0] - np.eye(z.size), 1e-11).y
+
+
 @pytest.mark.parametrize(("b", "c"), [(0.7, 0.3), (0.7, -0.9), (0.0, -0.2)])
 def test_the_coefficient_of_a_map_of_the_line_is_known(b, c):
     """Of x -> -x + b x^2 + c x^3 it is c + b^2: the doubling is subcritical where that is negative."""
@@ -56,24 +60,14 @@ def test_the_orbit_of_twice_the_period_leaves_the_flip_as_its_coefficient_says(e
     flip = BifurcationCurve(BORDER_KINDS["flip"], "Gamma", checked({"e": e}), 100.0, 1e-12).point({}, [], None)
     m = flip.begin.map
     beyond = replace(m, parameters=m.parameters | {"Gamma": flip.value + 1e-4})
-    one = newton(
-        lambda z: (beyond.image(z).point - z, None),
-        flip.begin.z,
-        lambda z: beyond.jacobian(z)[0] - np.eye(z.size),
-        1e-11,
-    )
-    values, vectors = np.linalg.eig(beyond.jacobian(one.y)[0])
+    one = fixed_point(beyond, flip.begin.z)
+    values, vectors = np.linalg.eig(beyond.jacobian(one)[0])
     k = int(np.argmin(np.abs(values + 1)))
     v, away = vectors[:, k].real, -1 - values[k].real
     x = np.sqrt(away / flip.doubling)
     twice = replace(beyond, periods=2)
-    two = newton(
-        lambda z: (twice.image(z).point - z, None),
-        one.y + x * v,
-        lambda z: twice.jacobian(z)[0] - np.eye(z.size),
-        1e-11,
-    )
-    apart = 0.5 * np.linalg.norm(two.y - beyond.image(two.y).point)
+    two = fixed_point(twice, one + x * v)
+    apart = 0.5 * np.linalg.norm(two - beyond.image(two).point)
     assert apart == pytest.approx(x * np.linalg.norm(v), rel=0.01)
 
 

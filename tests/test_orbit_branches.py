@@ -49,9 +49,7 @@ def test_borders_are_where_they_were_measured(kind, known):
 def test_a_change_of_word_costs_little_and_lies_between_two_words(kind):
     e = np.linspace(0.56, 0.6, 9)
     curve = orbits.border(kind, "Gamma", over={"e": e}, spin=100.0)
-    changes = curve.sizes.get(
-        "number", 1
-    )  # the motion has two of chatter: one of the end that is down, one of the bouncer
+    changes = curve.sizes.get("number", 1)  # the motion has two of chatter: of the end that is down, and of the bouncer
     assert np.median(curve["cost"].values) <= 150 * changes
     Gamma = float(curve["Gamma"][4])
     below, above = (orbits.find(spin=100.0, e=e[4], Gamma=Gamma + by).word for by in (-1e-6, 1e-6))
@@ -303,21 +301,22 @@ def test_a_grid_is_walked_from_its_middle_outwards():
 
 
 def test_bad_input_is_told(orbit):
-    for wrong in ("kink", "Fold"):
-        with pytest.raises(ParameterError, match="unknown border"):
-            orbits.border(wrong, "Gamma", over={"e": [0.6]})
-    with pytest.raises(ParameterError, match="unknown parameter"):
-        orbits.border("fold", "gamma", over={"e": [0.6]})
-    with pytest.raises(ParameterError, match="given twice"):
-        orbits.border("fold", "Gamma", over={"Gamma": [0.6]})
-    with pytest.raises(ParameterError, match="must be in"):
-        orbits.border("fold", "Gamma", over={"e": [0.6, 1.6]})
-    with pytest.raises(ParameterError, match="unknown parameter"):
-        orbits.follow(orbit, "gama", to=1.0)
-    with pytest.raises(ParameterError, match="must differ"):
-        orbits.follow(orbit, "Gamma", to=0.9)
-    with pytest.raises(ParameterError, match="must be a PeriodicOrbit"):
-        orbits.follow(simulate(periods=1), "Gamma", to=1.0)
+    for kind, parameter, over, message in (
+        ("kink", "Gamma", {"e": [0.6]}, "unknown border"),
+        ("Fold", "Gamma", {"e": [0.6]}, "unknown border"),
+        ("fold", "gamma", {"e": [0.6]}, "unknown parameter"),
+        ("fold", "Gamma", {"Gamma": [0.6]}, "given twice"),
+        ("fold", "Gamma", {"e": [0.6, 1.6]}, "must be in"),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            orbits.border(kind, parameter, over=over)
+    for begin, parameter, to, message in (
+        (orbit, "gama", 1.0, "unknown parameter"),
+        (orbit, "Gamma", 0.9, "must differ"),
+        (simulate(periods=1), "Gamma", 1.0, "must be a PeriodicOrbit"),
+    ):
+        with pytest.raises(ParameterError, match=message):
+            orbits.follow(begin, parameter, to=to)
 
 
 @pytest.mark.slow

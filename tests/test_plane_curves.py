@@ -6,9 +6,8 @@ import pytest
 from dimersweep import orbits
 from dimersweep.errors import ParameterError
 
-LINE = np.sqrt(
-    1 + (np.pi / 2 - 2 / np.pi) ** 2
-)  # Gamma at which a hop of a ball that is thrown off lasts half a period
+# Gamma at which a hop of a ball that is thrown off lasts half a period
+LINE = np.sqrt(1 + (np.pi / 2 - 2 / np.pi) ** 2)
 
 
 def met(curve, name):

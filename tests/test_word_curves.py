@@ -105,11 +105,7 @@ def test_a_border_of_a_bouncing_motion_is_the_same_over_any_grid_and_says_that_t
 
 # scene, values of e, and lists of them in which each has to be the border that it is alone
 ORDERS = {
-    "a short dimer": (
-        SHORT,
-        [0.65, 0.67, 0.7],
-        [[0.7, 0.67, 0.65]],
-    ),
+    "a short dimer": (SHORT, [0.65, 0.67, 0.7], [[0.7, 0.67, 0.65]]),
     "base case": ({}, [0.65, 0.7], [[0.7, 0.65]]),
     "a corner of the curve": ({}, [0.49, 0.5], [[0.5, 0.49, 0.47], [0.45, 0.5]]),
 }
