@@ -12,8 +12,8 @@ from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.cubes.results import RESULT
 from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
 from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.labelling import COLUMNS, MULTIPLIERS
-from dimersweep.orbits.labelling import WORDS as WORDS_OF_ORBITS
+from dimersweep.orbits.orbit import COLUMNS, MULTIPLIERS
+from dimersweep.orbits.orbit import WORDS as WORDS_OF_ORBITS
 from dimersweep.parameters import RULES
 from dimersweep.symbols import (
     BASE,

@@ -16,8 +16,7 @@ from dimersweep.orbits.continuation import halved
 from dimersweep.orbits.curve import Curve, Found, crossings, shortened
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind, change_of
-from dimersweep.orbits.labelling import Column, dataset
-from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset
 from dimersweep.parameters import check_effect, check_name
 from dimersweep.symbols import PARAMETERS
 

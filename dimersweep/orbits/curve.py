@@ -14,8 +14,7 @@ from dimersweep.errors import OrbitError
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.finding import orbit_at
 from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, Kind, ball_flip, ball_fold
-from dimersweep.orbits.labelling import DOUBLING, Column
-from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.orbit import DOUBLING, Column, PeriodicOrbit
 from dimersweep.orbits.passage import Sides, far_ends
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
 from dimersweep.parameters import value_of

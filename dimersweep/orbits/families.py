@@ -20,10 +20,9 @@ from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, settled_near
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
-from dimersweep.orbits.labelling import dataset
 from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, slow_direction
 from dimersweep.orbits.newton import Fixed, solve, system
-from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
+from dimersweep.orbits.orbit import PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, first_found
 from dimersweep.orbits.specials import JOINED
 

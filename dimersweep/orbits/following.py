@@ -11,10 +11,9 @@ from dimersweep.inputs import check_count, number
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.continuation import FOLLOWING, steps
 from dimersweep.orbits.kinds import FLIP, Kind
-from dimersweep.orbits.labelling import Column, dataset
 from dimersweep.orbits.manifold import creep_of
 from dimersweep.orbits.newton import Fixed, solve
-from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
+from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Tape
 from dimersweep.orbits.specials import Special, doubled, specials
 from dimersweep.parameters import check_effect, check_name, value_of

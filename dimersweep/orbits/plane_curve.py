@@ -17,9 +17,8 @@ from dimersweep.orbits.continuation import FOLLOWING, LOCATED, SAME_WAY, Between
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
 from dimersweep.orbits.kinds import BORDER_KINDS, Kind, change_of
-from dimersweep.orbits.labelling import Column, dataset
 from dimersweep.orbits.newton import TOLERANCE, newton
-from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset
 from dimersweep.orbits.poincare import OrbitLost, singular_lost
 from dimersweep.orbits.specials import MOST_CHANGES
 from dimersweep.parameters import check_effect, check_name

@@ -15,10 +15,9 @@ from dimersweep.orbits.continuation import SEARCHING, Between, halved, steps
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import orbit_at, settled_on
 from dimersweep.orbits.kinds import BORDER_KINDS, WORD, Kind, StabilityEnd, change_of
-from dimersweep.orbits.labelling import Column
 from dimersweep.orbits.manifold import multipliers_of
 from dimersweep.orbits.newton import solve
-from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
+from dimersweep.orbits.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import TURN, OrbitLost
 from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, located, on_own_side, word_changes
 

@@ -18,10 +18,9 @@ from dimersweep.orbits.branch import Equations, Mark, Point, lent, with_derivati
 from dimersweep.orbits.continuation import SEARCHING, Between, steps
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.kinds import COMPLEX, FLIP, FOLD, WORD, Change, change_of
-from dimersweep.orbits.labelling import Column
 from dimersweep.orbits.manifold import lag, multipliers_of
 from dimersweep.orbits.newton import defect, system
-from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
+from dimersweep.orbits.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.orbits.passage import Sides, far_ends, rests, sides_of
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, first_found, singular_lost
 from dimersweep.orbits.specials import MOST_CHANGES, Special, graze, last_with, least_gap, specials

@@ -17,8 +17,7 @@ from dimersweep.inputs import as_number, check_count, check_switch
 from dimersweep.kernel.model.layout import CODE_N_PERIODS
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import traced
-from dimersweep.orbits.labelling import COLUMNS, multiplier_columns, padded
-from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.orbit import COLUMNS, PeriodicOrbit, multiplier_columns, padded
 from dimersweep.orbits.portraits import Mirrors, mirrors_of, portrait_of_orbit
 from dimersweep.parameters import check_level, value_of
 from dimersweep.runs.solving import run_settings
