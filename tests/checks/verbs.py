@@ -153,8 +153,10 @@ def run_down(law, a, b, tol):
 
 
 @exported
-def single_phase(law, n, a, b, E, n_j, tol, work):
-    return single_impact.single_phase(law, n, a, b, E, n_j, tol, work)
+def single_phase(law, n, a, b, tol, work):
+    """An impact at one end on its own; `work.blow` tells what came of it."""
+    single_impact.begin_blow(work.blow[0], n, a, b, 0.0, 0.0)
+    return single_impact.single_phase(law, work.blow[0], tol, work)
 
 
 @exported
@@ -235,8 +237,11 @@ def friction_slopes(dm, mode_1, mode_2, z, g_1, g_2, J):
 
 
 @exported
-def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
-    return single_impact.straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s)
+def straight_leg(law, n, a, b, mode, c, s, work):
+    """The first leg of an impact at one end, at constant rates; `work.blow` tells what came of it."""
+    single_impact.begin_blow(work.blow[0], n, a, b, 0.0, 0.0)
+    work.blow[0].mode = mode
+    return single_impact.straight_leg(law, work.blow[0], c, s)
 
 
 @exported

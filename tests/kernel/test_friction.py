@@ -22,6 +22,7 @@ from tests.checks.verbs import (
     levers,
     outward_slip,
     pair_friction,
+    scratch,
     single_forces,
     slip_force,
     straight_leg,
@@ -156,11 +157,13 @@ def test_a_leg_at_constant_rates(seed, stick):
     law = end_law(dm, -1.0, rng.uniform(0.1, 1.0))
     a = 0.0 if stick else rng.choice([-1.0, 1.0]) * rng.uniform(2.0, 5.0)
     c = 1.0 if a >= 0.0 else -1.0
-    n, a_end, b_end, _, _, P, A, B, _ = straight_leg(law, -1.0, a, 0.0, 0.0, 0.0, True, stick, c, 0.0)
+    work, _ = scratch()
+    straight_leg(law, -1.0, a, 0.0, STICK if stick else SLIP, c, 0.0, work)
+    blow = work.blow[0]
     expected = (-law.na / law.aa, 0.0) if stick else slip_force(law.mu, 1.0, c, 0.0)
-    assert pytest.approx(expected, rel=1e-13) == (A / P, B / P)
-    assert n == pytest.approx(-1.0 + law.nn * P + law.na * A, abs=1e-13)
-    assert (a_end, b_end) == pytest.approx((a + law.na * P + law.aa * A, 0.0), abs=1e-13)
+    assert pytest.approx(expected, rel=1e-13) == (blow.A / blow.P, blow.B / blow.P)
+    assert blow.n == pytest.approx(-1.0 + law.nn * blow.P + law.na * blow.A, abs=1e-13)
+    assert (blow.a, blow.b) == pytest.approx((a + law.na * blow.P + law.aa * blow.A, 0.0), abs=1e-13)
 
 
 @seeds

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from dimersweep.kernel.impact.single_impact import DONE
 from dimersweep.kernel.model.contact_code import code_of
 from dimersweep.kernel.model.event_row import (
     E_KIND,
@@ -66,10 +65,11 @@ def strike(dm, state, s, tol=1e-10):
 
 def phase(law, n, a, b, tol=1e-12):
     """Outcome of one impact on its own: (n, a, b), (p, t_a, t_b), mode."""
-    n, a, b, E, _, p, t_a, t_b, _, _, mode, reason = single_phase(law, n, a, b, 0.0, 0.0, tol, scratch()[0])
-    assert reason == DONE
-    assert E == 0.0
-    return np.array([n, a, b]), np.array([p, t_a, t_b]), mode
+    work, _ = scratch()
+    assert single_phase(law, n, a, b, tol, work) == OK
+    blow = work.blow[0]
+    assert blow.E == 0.0
+    return np.array([blow.n, blow.a, blow.b]), np.array([blow.P, blow.A, blow.B]), blow.mode
 
 
 def rates_apart(dm, qdot, expected, V):

@@ -18,11 +18,11 @@ A_V, A_A, A_P, A_N, A_J, A_E = range(6)  # its rows: slip, axial slip, impulse, 
 
 
 @compiled
-def begin_expansion(n, a, b, E, n_j, c):
+def begin_expansion(blow, c):
     """First coefficients of a leg's expansion; returns that of b^2."""
-    c[A_V, 0] = length(a, b)
-    c[A_A, 0], c[A_P, 0], c[A_N, 0], c[A_J, 0], c[A_E, 0] = a, 0.0, n, n_j, E
-    return b * b
+    c[A_V, 0] = length(blow.a, blow.b)
+    c[A_A, 0], c[A_P, 0], c[A_N, 0], c[A_J, 0], c[A_E, 0] = blow.a, 0.0, blow.n, blow.n_j, blow.E
+    return blow.b * blow.b
 
 
 @compiled(fuse=True, inline=True)

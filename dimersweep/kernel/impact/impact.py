@@ -27,10 +27,9 @@ from dimersweep.kernel.impact.double_leg import double_leg
 from dimersweep.kernel.impact.double_step import LEG_ROWS, leg_rows
 from dimersweep.kernel.impact.phase_log import log_phase, log_single
 from dimersweep.kernel.impact.single_impact import (
-    DONE,
-    IMPACT_JAMS,
-    IMPACT_OUT_OF_STEPS,
+    OTHER,
     EndLaw,
+    begin_blow,
     single_phase,
 )
 from dimersweep.kernel.model.body import (
@@ -52,7 +51,6 @@ from dimersweep.kernel.model.layout import (
     DIP,
     IMPACT,
     IMPACT_STEPS,
-    JAMMED,
     N1,
     N2,
     OK,
@@ -162,15 +160,16 @@ def single_impact(dm, state, i, V, tol, work, log):
     law = end_law(dm, i, 0.0, sin_b, cos_b, restitution(p.e, tol))
     n, a, b = contact_velocity(dm, state, i)
     slip_tol = max(IMPACT_SLIP_SCALE * tol, slip_rounding(dm, state) / V)
-    n_plus, a_plus, b_plus, _, _, P, A, B, P_s, A_s, mode, reason = single_phase(
-        law, n / V, a / V, b / V, 0.0, 0.0, slip_tol, work
-    )
-    if reason != DONE:
-        return (JAMMED if reason == IMPACT_JAMS else IMPACT_STEPS), mode, 0
+    blow = work.blow[0]
+    begin_blow(blow, n / V, a / V, b / V, 0.0, 0.0)
+    status = single_phase(law, blow, slip_tol, work)
+    if status != OK:
+        return status, blow.mode, 0
+    P, A, B, P_s, A_s, mode = blow.P, blow.A, blow.B, blow.P_s, blow.A_s, blow.mode
     lv, lj = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     wj = delassus(dm, lj, lv)
     unit, other = dm.m * V, N2 - i
-    state[N1 + i] = n_plus * V
+    state[N1 + i] = blow.n * V
     state[other] += unit * (wj.nn * P + wj.na * A)
     apply_impulse(dm, state, lv, unit * P, unit * A, unit * B)
     wanted = work.course[0].tally.wanted
@@ -183,7 +182,8 @@ def single_impact(dm, state, i, V, tol, work, log):
         n, n_j, P, A, B = n_s, n_js, P - P_s, A - A_s, 0.0
     if wanted:
         note_single(work, rows, i, V, unit, (P, A, B), False)
-    rows = log_single(log, rows, i, IMPACT + mode, n, n_j, n_plus * V, state[other], unit * P, a_plus * V, b_plus * V)
+    a, b = blow.a * V, blow.b * V
+    rows = log_single(log, rows, i, IMPACT + mode, n, n_j, state[N1 + i], state[other], unit * P, a, b)
     return OK, mode, rows
 
 
@@ -191,16 +191,16 @@ def single_impact(dm, state, i, V, tol, work, log):
 def note_single(work, row, i, V, unit, impulses, slipping):
     """Note the works of a phase at end i alone, and of its impulses (normal, axial, lateral)."""
     P, A, B = impulses
-    rest, slip = works_of_one(i, work.course[0].tally, slipping)
+    rest, slip = works_of_one(i, work.blow[0], slipping)
     P_1, B_1, P_2, B_2 = (P, B, 0.0, 0.0) if i == 0 else (0.0, 0.0, P, B)
     note_struck(work, row, unit * V, rest, slip, (unit * P_1, unit * P_2, unit * A, unit * B_1, unit * B_2))
 
 
 @compiled
-def works_of_one(i, tally, slipping):
+def works_of_one(i, blow, slipping):
     """What restitution takes at both ends and what slip does, where end i acts alone: up to its sticking, or what is left."""
-    rest, slip = tally.rest_slipping if slipping else tally.rest, tally.slip
-    tally.rest, tally.slip = tally.rest - rest, 0.0
+    rest, slip = blow.rest_s if slipping else blow.rest, blow.slip
+    blow.rest, blow.slip = blow.rest - rest, 0.0
     return ((rest, 0.0), (slip, 0.0)) if i == 0 else ((0.0, rest), (0.0, slip))
 
 
@@ -288,13 +288,13 @@ def double_impact(dm, state, V, tol, modes, work, log):
             i = 0 if on_1 else 1
             halts, reason = single_end_phase(dm, i, z, modes, compressing, slip_tol, before, mid, e, work)
             lost = False
-            if reason == IMPACT_JAMS or reason == IMPACT_OUT_OF_STEPS:
-                status = JAMMED if reason == IMPACT_JAMS else IMPACT_STEPS
+            if reason != OK and reason != OTHER:
+                status = reason
                 break
             if halts:
                 impulses = impulses_between(dm, mid, before, V)
                 if wanted:
-                    rest, slip = works_of_one(i, work.course[0].tally, True)
+                    rest, slip = works_of_one(i, work.blow[0], True)
                     note_struck(work, rows, energy, rest, slip, impulses)
                 beside = SLIP if length(before[ZA], before[ZB2 - i]) > slip_tol else STICK
                 mode_1, mode_2 = (SLIP, beside) if i == 0 else (beside, SLIP)
@@ -302,7 +302,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
                 rows = log_phase(log, rows, code, before[ZN1], before[ZN2], mid, V, impulses[0], impulses[1])
                 copy(mid, before, N_Z)
             if wanted:
-                rest, slip = works_of_one(i, work.course[0].tally, False)
+                rest, slip = works_of_one(i, work.blow[0], False)
         impulses = impulses_between(dm, z, before, V)
         if wanted:
             note_struck(work, rows, energy, rest, slip, impulses)
@@ -381,23 +381,23 @@ def single_end_phase(dm, i, z, modes, compressing, slip_tol, before, mid, e, wor
     halts : bool
         Whether end i slipped first and stuck then; the velocities at that moment are in `mid`.
     reason : int
+        OK, OTHER, or why it cannot go on.
     """
-    law = end_law(dm, i, 1.0, dm.sin_0, dm.cos_0, e[i])
-    j = 1 - i
-    n, a, b, E, n_j, P, _, B, P_s, A_s, mode, reason = single_phase(
-        law, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(dm, i, z[ZX1 + i]), z[ZN1 + j], slip_tol, work
-    )
-    z[ZN1 + i], z[ZA], z[ZB1 + i], z[ZX1 + i], z[ZN1 + j] = n, a, b, compression(dm, i, E), n_j
-    z[ZB1 + j] += dm.pair.bb_12 * B
-    compressing[i] = 1.0 if n < 0.0 or E == 0.0 else -1.0
+    law, blow, j = end_law(dm, i, 1.0, dm.sin_0, dm.cos_0, e[i]), work.blow[0], 1 - i
+    begin_blow(blow, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(dm, i, z[ZX1 + i]), z[ZN1 + j])
+    status = single_phase(law, blow, slip_tol, work)
+    z[ZN1 + i], z[ZA], z[ZB1 + i], z[ZX1 + i] = blow.n, blow.a, blow.b, compression(dm, i, blow.E)
+    z[ZN1 + j] = blow.n_j
+    z[ZB1 + j] += dm.pair.bb_12 * blow.B
+    compressing[i] = 1.0 if blow.n < 0.0 or blow.E == 0.0 else -1.0
     compressing[j] = 1.0
-    modes[i] = mode
+    modes[i] = blow.mode
     modes[j] = STICK if length(z[ZA], z[ZB1 + j]) <= slip_tol else SLIP
-    halts = mode == STICK and 0.0 < P_s < P
+    halts = blow.mode == STICK and 0.0 < blow.P_s < blow.P
     if halts:
         copy(before, mid, N_Z)
-        mid[ZN1 + i] += law.nn * P_s + law.na * A_s
-        mid[ZN1 + j] += law.nn_j * P_s + law.na_j * A_s
+        mid[ZN1 + i] += law.nn * blow.P_s + law.na * blow.A_s
+        mid[ZN1 + j] += law.nn_j * blow.P_s + law.na_j * blow.A_s
         mid[ZA], mid[ZB1 + i] = 0.0, 0.0
         mid[ZB1 + j] -= dm.pair.bb_12 * before[ZB1 + i] / law.bb
-    return halts, reason
+    return halts, status

@@ -29,11 +29,11 @@ from dimersweep.kernel.impact.expansion import (
     unseen,
 )
 from dimersweep.kernel.model.friction import holds_axially, slip_force
-from dimersweep.kernel.model.layout import SLIP, STICK
+from dimersweep.kernel.model.layout import IMPACT_STEPS, JAMMED, OK, SLIP, STICK
 from dimersweep.kernel.numerics.elementary import exp, expm1, length, log1p
 from dimersweep.kernel.numerics.meter import charge, is_over
 
-DONE, OTHER, LEG, IMPACT_JAMS, IMPACT_OUT_OF_STEPS = 0, 1, 2, 3, 4
+OTHER, LEG = -1, -2  # in place of a status: the other end begins to be compressed; the impact goes on with the next leg
 MAX_LEGS = 200
 MAX_SINGLE_STEPS = 2000
 EXPANSION_COST = 0.35  # of a step by expansion, in hops of one end: as measured
@@ -56,6 +56,41 @@ class EndLaw(NamedTuple):
     e: float
     mu: float
     mu_s: float
+
+
+class Blow:
+    """An impact at one end on its way: velocities in units of the approach speed V, impulses of m V, energies of m V^2."""
+
+    n: float  # gap rate of the end, its axial and its lateral velocity
+    a: float
+    b: float
+    E: float  # elastic energy that is stored there
+    n_j: float  # gap rate of the other end
+    compressing: bool
+    mode: int  # STICK or SLIP, in the last leg
+    P: float  # impulses so far: normal, axial, lateral
+    A: float
+    B: float
+    rest: float  # works so far: what restitution takes, and, where works are wanted, what slip does
+    slip: float
+    P_s: float  # of these, what came before the end stuck (all if it slips to the end): it does not slip again once it sticks
+    A_s: float
+    rest_s: float
+
+
+@compiled
+def begin_blow(blow, n, a, b, E, n_j):
+    """Begin an impact, or go on with it, from the velocities of the end, its energy and the gap rate of the other end."""
+    blow.n, blow.a, blow.b, blow.E, blow.n_j = n, a, b, E, n_j
+    blow.compressing, blow.mode = n < 0.0 or E == 0.0, SLIP
+    blow.P, blow.A, blow.B, blow.rest, blow.slip = 0.0, 0.0, 0.0, 0.0, 0.0
+    blow.P_s, blow.A_s, blow.rest_s = 0.0, 0.0, 0.0
+
+
+@compiled(inline=True)
+def gain(law, blow):
+    """Energy that a normal work takes from what is stored, in units of that work."""
+    return 1.0 if blow.compressing else 1.0 / max(law.e * law.e, 1e-300)
 
 
 @compiled
@@ -123,14 +158,15 @@ def swerve(w_v, slope, v, b, P):
 
 
 @compiled
-def time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v):
-    """Impulses after which, at constant rates, the leg ends: own rate zero, energy spent, other end turned, slip zero."""
-    P_n = -n / w if (compressing and w > 0.0) or (not compressing and w < 0.0) else inf
+def time_to_events(law, blow, v, w, w_j, w_v):
+    """Impulses after which, at constant rates, the leg ends: own rate zero, energy spent, other end turned, slip v zero."""
+    n, n_j = blow.n, blow.n_j
+    P_n = -n / w if (blow.compressing and w > 0.0) or (not blow.compressing and w < 0.0) else inf
     P_E = inf
-    if not compressing:
-        disc = n * n + 2.0 * w * law.e * law.e * E
+    if not blow.compressing:
+        disc = n * n + 2.0 * w * law.e * law.e * blow.E
         if disc >= 0.0:
-            P_E = 2.0 * law.e * law.e * E / (n + sqrt(disc))
+            P_E = 2.0 * law.e * law.e * blow.E / (n + sqrt(disc))
     P_j = -n_j / w_j if law.both > 0.0 and w_j < 0.0 else inf
     P_v = -v / w_v if w_v < 0.0 else inf
     return P_n, P_E, P_j, P_v
@@ -175,89 +211,84 @@ def run_down(law, a, b, tol):
 
 
 @compiled
-def stop_at_once(law, n, a, b, E, compressing, tol):
-    """The rest of a leg in which the slip dies out before anything else happens.
+def stop_at_once(law, blow, tol):
+    """The rest of a leg in which the slip dies out before anything else happens: the velocities and the energy then.
 
     Returns
     -------
-    n, E, P, A, S : float
-        Gap rate and energy then; normal and axial impulse; work of friction. P is inf if the slip does not die out first, as
-        far as is known.
+    P, A, S : float
+        Normal and axial impulse; work of friction. P is inf if the slip does not die out first, as far as is known.
     """
+    n, a, b = blow.n, blow.a, blow.b
     P, swept = run_down(law, a, b, tol)
     # the gap rate must only rise, wherever the slip turns
     if inf == P or law.nn - law.mu * abs(law.na) < 0.0:
-        return n, E, inf, 0.0, 0.0
+        return inf, 0.0, 0.0
     A = -(a + law.na * P) / law.aa
     n_end = n + law.nn * P + law.na * A
     # n = n_0 + W_nn P + W_na (a - a_0 - W_na P) / W_aa, integrated over P
-    gain = 1.0 if compressing else 1.0 / (law.e * law.e)
     worked = P * (n - law.na * a / law.aa + 0.5 * P * (law.nn - law.na * law.na / law.aa)) + law.na / law.aa * swept
-    E_end = E - gain * worked
-    if (compressing and n_end >= 0.0) or E_end <= 0.0:
-        return n, E, inf, 0.0, 0.0
+    E_end = blow.E - gain(law, blow) * worked
+    if (blow.compressing and n_end >= 0.0) or E_end <= 0.0:
+        return inf, 0.0, 0.0
+    blow.n, blow.a, blow.b, blow.E = n_end, 0.0, 0.0, E_end
+    blow.n_j += law.nn_j * P + law.na_j * A
     # a dA + b dB, with da = W_na dP + W_aa dA and db = W_bb dB, over the slip down to zero
-    rubbed = -(0.5 * a * a + law.na * swept) / law.aa - 0.5 * b * b / law.bb
-    return n_end, E_end, P, A, rubbed
-
-
-@compiled
-def rub_of_expansion(law, order, xi, work):
-    """What slip takes up to xi, as dP = v dxi; 0.0 where works are not wanted."""
-    return -law.mu * square_integral(work.rows, A_V, order, xi) if work.course[0].tally.wanted else 0.0
+    return P, A, -(0.5 * a * a + law.na * swept) / law.aa - 0.5 * b * b / law.bb
 
 
 @compiled(inline=True)
-def turning_leg(law, n0, a, b, E, n_j0, compressing, tol, work):
+def add(blow, P, A, B, slip):
+    """Add what a leg gives, normally, axially and laterally, and what slip takes in it."""
+    blow.P, blow.A, blow.B, blow.slip = blow.P + P, blow.A + A, blow.B + B, blow.slip + slip
+
+
+@compiled
+def turning_leg(law, blow, tol, work):
     """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
 
     Returns
     -------
-    n, a, b, E, n_j, P, A, B, S : float
-        Velocities, energy and other gap rate after the leg; normal, axial, lateral impulse of it; work of friction, where
-        works are wanted.
-    reason : int
-        LEG (go on with the next leg), or IMPACT_OUT_OF_STEPS, also where the meter of the scratch is over.
+    int
+        LEG, OTHER, or IMPACT_STEPS, also where the meter of the scratch is over.
     """
-    gain = 1.0 if compressing else 1.0 / (law.e * law.e)
-    slip_end, lateral = max(tol, 1e-14 * length(a, b)), abs(b) > tol
-    n, n_j, P, A, B, S, c = n0, n_j0, 0.0, 0.0, 0.0, 0.0, work.rows
+    slip_end, lateral = max(tol, 1e-14 * length(blow.a, blow.b)), abs(blow.b) > tol
+    P, A, B, S, c = 0.0, 0.0, 0.0, 0.0, work.rows
     for _ in range(MAX_SINGLE_STEPS):
         if is_over(work.meter):
             break
         charge(work.meter, EXPANSION_COST)
+        a, b = blow.a, blow.b
         if law.both == 0.0:
-            n_end, E_end, dP, dA, dS = stop_at_once(law, n, a, b, E, compressing, tol)
+            dP, dA, dS = stop_at_once(law, blow, tol)
             if dP < inf:
-                n_j += law.nn_j * dP + law.na_j * dA
-                return n_end, 0.0, 0.0, E_end, n_j, P + dP, A + dA, B - b / law.bb, S + dS, LEG
-        v = length(a, b)
-        fading = begin_expansion(n, a, b, E, n_j, c)
-        order, h = expand_to_end(law, gain, compressing, fading, unseen(c, v, tol), c)
-        xi_n = first_zero(c, A_N, order, -1.0 if compressing else 1.0, h)
-        xi_E = inf if compressing else first_zero(c, A_E, order, 1.0, h)
+                add(blow, P + dP, A + dA, B - b / law.bb, S + dS)
+                return LEG
+        fading = begin_expansion(blow, c)
+        order, h = expand_to_end(law, gain(law, blow), blow.compressing, fading, unseen(c, length(a, b), tol), c)
+        xi_n = first_zero(c, A_N, order, -1.0 if blow.compressing else 1.0, h)
+        xi_E = inf if blow.compressing else first_zero(c, A_E, order, 1.0, h)
         xi_j = first_zero(c, A_J, order, 1.0, h) if law.both > 0.0 else inf
         xi = min(min(xi_n, xi_E), min(xi_j, h))
-        S += rub_of_expansion(law, order, xi, work)
-        a_old, b_old = a, b
-        a, _ = at(c, A_A, order, xi)
-        b = b * exp(-law.mu * law.bb * xi)
+        if work.course[0].tally.wanted:
+            S -= law.mu * square_integral(c, A_V, order, xi)  # dP = v dxi
+        blow.a, blow.b = at(c, A_A, order, xi)[0], b * exp(-law.mu * law.bb * xi)
         dP, _ = at(c, A_P, order, xi)
-        n, _ = at(c, A_N, order, xi)
-        E, _ = at(c, A_E, order, xi)
-        n_j, _ = at(c, A_J, order, xi)
-        P, A, B = P + dP, A + (a - a_old - law.na * dP) / law.aa, B + (b - b_old) / law.bb
-        v = length(a, b)
-        ended = xi == xi_n or xi == xi_E or xi == xi_j
+        P, A, B = P + dP, A + (blow.a - a - law.na * dP) / law.aa, B + (blow.b - b) / law.bb
+        # what vanishes there is zero
+        blow.n = 0.0 if xi == xi_n else at(c, A_N, order, xi)[0]
+        blow.E = 0.0 if xi == xi_E else at(c, A_E, order, xi)[0]
+        blow.n_j = 0.0 if xi == xi_j else at(c, A_J, order, xi)[0]
+        v = length(blow.a, blow.b)
         stopped = v <= slip_end
-        if ended or stopped or is_invariant(law, v, a / v, b / v, tol):
-            n = 0.0 if xi == xi_n else n
-            E = 0.0 if xi == xi_E else E
-            n_j = 0.0 if xi == xi_j else n_j
+        ended = xi == xi_n or xi == xi_E or xi == xi_j or stopped
+        if ended or is_invariant(law, v, blow.a / v, blow.b / v, tol):
             if stopped:
-                a, b = copysign(2.0 * slip_end, law.na) if lateral and turns_away(law, a / v) else 0.0, 0.0
-            return n, a, b, E, n_j, P, A, B, S, LEG
-    return n, a, b, E, n_j, P, A, B, S, IMPACT_OUT_OF_STEPS
+                turned = lateral and turns_away(law, blow.a / v)
+                blow.a, blow.b = copysign(2.0 * slip_end, law.na) if turned else 0.0, 0.0
+            add(blow, P, A, B, S)
+            return OTHER if law.both > 0.0 and blow.n_j == 0.0 else LEG
+    return IMPACT_STEPS
 
 
 @compiled
@@ -266,12 +297,18 @@ def later_zero(P, change, rate):
     return max(0.0, P - change / rate) if inf > P else inf
 
 
-@compiled(inline=True)
-def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
-    """One leg at constant rates: sticking (stick), or slipping along the direction (c, s); closed form.
+@compiled
+def straight_leg(law, blow, c, s):
+    """One leg at constant rates: sticking, or slipping along the direction (c, s); closed form.
 
     With s = 0 and b != 0 the slip is near the axis: what is left of its turning changes all rates by little.
+
+    Returns
+    -------
+    int
+        LEG, OTHER or JAMMED.
     """
+    n, a, b, stick = blow.n, blow.a, blow.b, blow.mode == STICK
     if stick:
         t_a, t_b = -law.na / law.aa, 0.0
         w_a, w_b, w_v = 0.0, 0.0, 0.0
@@ -281,128 +318,84 @@ def straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s):
         w_v = w_a * c + w_b * s if law.mu > 0.0 else 0.0
     v = length(a, b)
     w, w_j = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a
-    P_n, P_E, P_j, P_v = time_to_events(law, n, E, v, n_j, compressing, w, w_j, w_v)
+    P_n, P_E, P_j, P_v = time_to_events(law, blow, v, w, w_j, w_v)
     P = min(min(P_n, P_E), min(P_j, P_v))
     if inf == P:
-        return n, a, b, E, n_j, 0.0, 0.0, 0.0, IMPACT_JAMS
-    gain = 1.0 if compressing else 1.0 / max(law.e * law.e, 1e-300)
-    rub, rub_1, b_left = 0.0, 0.0, b + w_b * P
+        return JAMMED
+    rub, rub_1, more, b_left = 0.0, 0.0, 0.0, b + w_b * P
     _, slope = turning(law, c, 0.0)
     if s == 0.0 and b != 0.0 and law.mu > 0.0 and slope < 0.0 and not stick:
         S, S_1, b_left = swerve(w_v, slope, v, b, P)
         rub, rub_1 = -t_a * S, -t_a * S_1
-        slower = 2.0 * law.mu * (law.aa - law.bb) * S - law.na * rub / law.mu
+        turned = 2.0 * law.mu * (law.aa - law.bb)
+        slower, more = turned * S - law.na * rub / law.mu, turned * S_1 - law.na * rub_1 / law.mu
         P_n, P_j = later_zero(P_n, law.na * rub, w), later_zero(P_j, law.na_j * rub, w_j)
         P_E, P_v = later_zero(P_E, -law.na * rub_1, -(n + w * P_E)), later_zero(P_v, slower, w_v)
         P = min(min(P_n, P_E), min(P_j, P_v))
-    E = 0.0 if P == P_E else max(0.0, E - gain * (P * (n + 0.5 * w * P) + law.na * rub_1))
-    n = 0.0 if P_n == P else n + w * P + law.na * rub
-    n_j = 0.0 if P_j == P else n_j + w_j * P + law.na_j * rub
-    A, b_0 = t_a * P + rub, b
+    worked = P * (n + 0.5 * w * P) + law.na * rub_1
+    blow.E = 0.0 if P == P_E else max(0.0, blow.E - gain(law, blow) * worked)
+    blow.n = 0.0 if P_n == P else n + w * P + law.na * rub
+    blow.n_j = 0.0 if P_j == P else blow.n_j + w_j * P + law.na_j * rub
     if P_v == P:
-        a, b = 0.0, 0.0
+        blow.a, blow.b = 0.0, 0.0
     elif not stick:
-        a = a + w_a * P + law.aa * rub
-        b = b_left
-    return n, a, b, E, n_j, P, A, (b - b_0) / law.bb, LEG
+        blow.a, blow.b = a + w_a * P + law.aa * rub, b_left
+    way = 0.0 if stick else P * (v + 0.5 * w_v * P) + more  # integral of the slip over P
+    add(blow, P, t_a * P + rub, (blow.b - b) / law.bb, -law.mu * way)
+    return OTHER if law.both > 0.0 and blow.n_j == 0.0 and w_j < 0.0 else LEG
 
 
 @compiled
-def rub_of_straight_leg(law, a, b, c, s, P):
-    """What a slip (a, b) along (c, s) takes over an impulse P: mu times the integral of its speed."""
-    if law.mu == 0.0:
-        return 0.0
-    t_a, t_b = slip_force(law.mu, 1.0, c, s)
-    v, w_v = length(a, b), (law.na + law.aa * t_a) * c + law.bb * t_b * s
-    way = P * (v + 0.5 * w_v * P)
-    _, slope = turning(law, c, 0.0)
-    if s == 0.0 and b != 0.0 and slope < 0.0:  # what is left of its turning
-        _, S_1, _ = swerve(w_v, slope, v, b, P)
-        way += (2.0 * law.mu * (law.aa - law.bb) + law.na * t_a / law.mu) * S_1
-    return -law.mu * way
+def begin_leg(law, blow, tol):
+    """Choose the friction mode of the next leg; returns the direction (c, s) of its slip, and whether that turns.
+
+    A slip that counts as none is set to rest; out of rest it goes the way that W_na drives it.
+    """
+    v, holds = length(blow.a, blow.b), holds_axially(law.mu_s, law.na, law.aa)
+    blow.mode = SLIP
+    if law.mu == 0.0 and (v > tol or not holds):
+        return 1.0, 0.0, False  # the direction is of no consequence, and the gap rate is turned to the last digit
+    if v <= tol:
+        blow.a, blow.b = 0.0, 0.0
+        blow.mode = STICK if holds else SLIP
+        return 1.0 if law.na > 0.0 else -1.0, 0.0, False
+    c, s = blow.a / v, blow.b / v
+    if not is_invariant(law, v, c, s, tol):
+        return c, s, True
+    return (copysign(1.0, c), 0.0, False) if abs(s) < OFF_AXIS else (c, s, False)
 
 
 @compiled
-def note_leg(tally, rest, slip, stick):
-    """Add what restitution and slip take in a leg."""
-    tally.rest += rest
-    tally.slip += slip
-    if not stick:
-        tally.rest_slipping = tally.rest
-
-
-@compiled
-def single_phase(law, n, a, b, E, n_j, tol, work):
+def single_phase(law, blow, tol, work):
     """Run the impact at one end until its energy is spent or the other closed end begins to be compressed.
 
     Parameters
     ----------
     law : EndLaw
-    n, a, b : float
-        Gap rate, axial and lateral velocity of the end [V].
-    E : float
-        Elastic energy stored at the end [m V^2].
-    n_j : float
-        Gap rate of the other end [V].
+    blow : Blow
+        From its start (`begin_blow`); modified in place.
     tol : float
         Error per unit of velocity, and the slip that counts as none.
-    work : float64 array, at least (6, ORDER + 1)
-        Scratch, and the meter in its last row; what the phase does goes into its tally.
+    work : Scratch
+        Its rows, at least (6, ORDER + 1), its meter, and whether its tally wants works.
 
     Returns
     -------
-    n, a, b, E, n_j, P, A, B : float
-        After the phase; impulses of it.
-    P_s, A_s : float
-        Of these, what was given before the end stuck (all of it if it slips to the end): an impact at one end does not
-        slip again once it sticks.
-    mode : int
-        STICK or SLIP, the friction mode in which the phase ended.
-    reason : int
-        DONE, OTHER, IMPACT_JAMS or IMPACT_OUT_OF_STEPS.
+    int
+        OK, where its energy is spent, OTHER, JAMMED or IMPACT_STEPS.
     """
-    P, A, B, P_s, A_s = 0.0, 0.0, 0.0, 0.0, 0.0
-    tally = work.course[0].tally
-    wanted = tally.wanted
-    if wanted:
-        tally.rest, tally.rest_slipping, tally.slip = 0.0, 0.0, 0.0
-    compressing = n < 0.0 or E == 0.0
-    mode = SLIP
     for _ in range(MAX_LEGS):
+        compressing, E = blow.compressing, blow.E
         if not compressing and (E <= 0.0 or law.e == 0.0):
-            return n, a, b, 0.0, n_j, P, A, B, P_s, A_s, mode, DONE
-        v = length(a, b)
-        stick, turns, c, s = False, False, 1.0, 0.0
-        if law.mu == 0.0 and (v > tol or not holds_axially(law.mu_s, law.na, law.aa)):
-            mode = SLIP  # no friction: the direction is of no consequence, and the gap rate is turned to the last digit
-        elif v <= tol:
-            a, b, v = 0.0, 0.0, 0.0
-            stick = holds_axially(law.mu_s, law.na, law.aa)
-            mode = STICK if stick else SLIP
-            c = 1.0 if law.na > 0.0 else -1.0  # the self-consistent direction of slip out of rest
-        else:
-            mode = SLIP
-            c, s = a / v, b / v
-            turns = not is_invariant(law, v, c, s, tol)
-            if not turns and abs(s) < OFF_AXIS:
-                c, s = copysign(1.0, a), 0.0
-        w_j, E_0 = law.nn_j + law.na_j * (-law.na / law.aa if stick else -law.mu * c), E
-        if turns:
-            n, a, b, E, n_j, dP, dA, dB, dS, reason = turning_leg(law, n, a, b, E, n_j, compressing, tol, work)
-        else:
-            a_0, b_0, dS = a, b, 0.0
-            n, a, b, E, n_j, dP, dA, dB, reason = straight_leg(law, n, a, b, E, n_j, compressing, stick, c, s)
-            if wanted and not stick:
-                dS = rub_of_straight_leg(law, a_0, b_0, c, s, dP)
-        P, A, B = P + dP, A + dA, B + dB
-        if wanted:
-            note_leg(tally, (E_0 - E) * (1.0 if compressing else law.e * law.e), dS, stick)
-        if not stick:
-            P_s, A_s = P, A
+            blow.E = 0.0
+            return OK
+        c, s, turns = begin_leg(law, blow, tol)
+        reason = turning_leg(law, blow, tol, work) if turns else straight_leg(law, blow, c, s)
+        blow.rest += (E - blow.E) * (1.0 if compressing else law.e * law.e)
+        if blow.mode == SLIP:
+            blow.P_s, blow.A_s, blow.rest_s = blow.P, blow.A, blow.rest
         if reason != LEG:
-            return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, reason
-        if n == 0.0 or (compressing and n > 0.0):
-            compressing = not compressing
-        if law.both > 0.0 and n_j == 0.0 and (turns or w_j < 0.0):
-            return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, OTHER
-    return n, a, b, E, n_j, P, A, B, P_s, A_s, mode, IMPACT_OUT_OF_STEPS
+            return reason
+        if blow.n == 0.0 or (compressing and blow.n > 0.0):
+            blow.compressing = not compressing
+    return IMPACT_STEPS

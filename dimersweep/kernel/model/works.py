@@ -18,17 +18,12 @@ STRUCK_ROWS = 64  # of the scratch, for phases of one impact
 
 
 class WorkTally:
-    """Whether works are wanted, and what those of an impact follow from."""
+    """Whether works are wanted, and the velocity of the plate at an impact."""
 
     wanted: bool
     rise: float  # velocity of the plate: along its normal, along the axis of the dimer and across it [m s-1]
     along: float
     across: float
-    # of the last phase in which one end acts alone, in units of m V^2: what restitution takes, in all and before the end
-    # sticks, and what slip takes
-    rest: float
-    rest_slipping: float
-    slip: float
 
 
 @compiled
