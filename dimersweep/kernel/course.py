@@ -10,6 +10,7 @@ from dimersweep.kernel.compiler.records import new_record, one
 from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.contact.forces import Contact
 from dimersweep.kernel.contact.step_control import STEP_ROWS, Control
+from dimersweep.kernel.impact.double_step import Stride
 from dimersweep.kernel.impact.single_impact import Blow
 from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, PHASE, Dimer
 from dimersweep.kernel.model.works import STRUCK_ROWS, WorkTally
@@ -35,6 +36,8 @@ class Course:
     hop_time: float  # time that the hops take which the close of a chatter sums; below zero if none were [s]
     forced: int  # impacts without collision in a row
     period_events: int  # number of events when the forcing period began
+    blow: Blow  # of an impact at one end
+    stride: Stride  # of a leg of an impact at both ends
     tally: WorkTally  # of the works of the forces, where they are wanted
 
 
@@ -50,7 +53,6 @@ class Scratch(NamedTuple):
     rows: Any  # shape (WORK_ROWS + STRUCK_ROWS, WORK_COLUMNS); the last ones have the works of an impact (`works.note_struck`)
     bracket: Any  # of an event within a step (`root_bracket.RootBracket`)
     control: Any  # of the steps of a contact phase (`step_control.Control`)
-    blow: Any  # of an impact at one end (`single_impact.Blow`)
     course: Any  # of the run (`Course`)
     meter: Any  # the work that the run has done and may do, and whether it is to stop (`meter.Meter`)
 
@@ -59,7 +61,7 @@ def new_work() -> Scratch:
     """Scratch that may be worked on without bound."""
     rows, meter = np.zeros((WORK_ROWS + STRUCK_ROWS, WORK_COLUMNS)), one(Meter)
     meter[0].bound = inf
-    return Scratch(rows, one(RootBracket), one(Control), one(Blow), one(Course), meter)
+    return Scratch(rows, one(RootBracket), one(Control), one(Course), meter)
 
 
 class Ask(NamedTuple):

@@ -154,9 +154,9 @@ def run_down(law, a, b, tol):
 
 @exported
 def single_phase(law, n, a, b, tol, work):
-    """An impact at one end on its own; `work.blow` tells what came of it."""
-    single_impact.begin_blow(work.blow[0], n, a, b, 0.0, 0.0)
-    return single_impact.single_phase(law, work.blow[0], tol, work)
+    """An impact at one end on its own; `work.course[0].blow` tells what came of it."""
+    single_impact.begin_blow(work.course[0].blow, n, a, b, 0.0, 0.0)
+    return single_impact.single_phase(law, work.course[0].blow, tol, work)
 
 
 @exported
@@ -227,21 +227,21 @@ def outward_slip(drive_a, drive_b, k_a, k_b):
 
 
 @exported
-def pair_friction(dm, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
-    return double_equations.friction(dm, mode_1, mode_2, f_1, f_2, a, b_1, b_2)
+def pair_friction(dm, modes, f_1, f_2, a, b_1, b_2):
+    return double_equations.friction(dm, modes, f_1, f_2, a, b_1, b_2)
 
 
 @exported
-def friction_slopes(dm, mode_1, mode_2, z, g_1, g_2, J):
-    double_equations.friction_slopes(dm, mode_1, mode_2, z, g_1, g_2, J)
+def friction_slopes(dm, modes, z, g_1, g_2, J):
+    double_equations.friction_slopes(dm, modes, z, g_1, g_2, J)
 
 
 @exported
 def straight_leg(law, n, a, b, mode, c, s, work):
-    """The first leg of an impact at one end, at constant rates; `work.blow` tells what came of it."""
-    single_impact.begin_blow(work.blow[0], n, a, b, 0.0, 0.0)
-    work.blow[0].mode = mode
-    return single_impact.straight_leg(law, work.blow[0], c, s)
+    """The first leg of an impact at one end, at constant rates; `work.course[0].blow` tells what came of it."""
+    single_impact.begin_blow(work.course[0].blow, n, a, b, 0.0, 0.0)
+    work.course[0].blow.mode = mode
+    return single_impact.straight_leg(law, work.course[0].blow, c, s)
 
 
 @exported

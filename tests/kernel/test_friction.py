@@ -127,7 +127,7 @@ def test_the_friction_of_an_impact_at_both_ends(seed):
         slip_force(p.mu, f, a / hypot(a, b), b / hypot(a, b)) for p, f, b in ((dm.p1, f_1, b_1), (dm.p2, f_2, b_2))
     )
     expected = first[0] + second[0], first[1], second[1]
-    np.testing.assert_allclose(pair_friction(dm, SLIP, SLIP, f_1, f_2, a, b_1, b_2), expected, rtol=1e-13)
+    np.testing.assert_allclose(pair_friction(dm, (SLIP, SLIP), f_1, f_2, a, b_1, b_2), expected, rtol=1e-13)
 
 
 @seeds
@@ -138,10 +138,10 @@ def test_the_slopes_of_that_friction(seed, modes):
     z, J = np.zeros(N_Z), np.zeros((3, 5))
     z[[ZX1, ZX2]] = rng.uniform(0.5, 1.5, 2)
     z[[ZA, ZB1, ZB2]] = rng.normal(size=3)
-    friction_slopes(dm, *modes, z, 1.5 * z[ZX1] ** 0.5, 1.5 * z[ZX2] ** 0.5, J)
+    friction_slopes(dm, modes, z, 1.5 * z[ZX1] ** 0.5, 1.5 * z[ZX2] ** 0.5, J)
 
     def friction(x):
-        return np.array(pair_friction(dm, *modes, x[0] ** 1.5, x[1] ** 1.5, *x[2:]))
+        return np.array(pair_friction(dm, modes, x[0] ** 1.5, x[1] ** 1.5, *x[2:]))
 
     x, step = z[[ZX1, ZX2, ZA, ZB1, ZB2]], 1e-6
     for k in range(5):
@@ -159,7 +159,7 @@ def test_a_leg_at_constant_rates(seed, stick):
     c = 1.0 if a >= 0.0 else -1.0
     work, _ = scratch()
     straight_leg(law, -1.0, a, 0.0, STICK if stick else SLIP, c, 0.0, work)
-    blow = work.blow[0]
+    blow = work.course[0].blow
     expected = (-law.na / law.aa, 0.0) if stick else slip_force(law.mu, 1.0, c, 0.0)
     assert pytest.approx(expected, rel=1e-13) == (blow.A / blow.P, blow.B / blow.P)
     assert blow.n == pytest.approx(-1.0 + law.nn * blow.P + law.na * blow.A, abs=1e-13)

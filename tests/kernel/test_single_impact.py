@@ -67,7 +67,7 @@ def phase(law, n, a, b, tol=1e-12):
     """Outcome of one impact on its own: (n, a, b), (p, t_a, t_b), mode."""
     work, _ = scratch()
     assert single_phase(law, n, a, b, tol, work) == OK
-    blow = work.blow[0]
+    blow = work.course[0].blow
     assert blow.E == 0.0
     return np.array([blow.n, blow.a, blow.b]), np.array([blow.P, blow.A, blow.B]), blow.mode
 

@@ -17,7 +17,7 @@ from math import copysign, inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import end
-from dimersweep.kernel.model.friction import hold_left, outward_slip, slip_force, slip_strength
+from dimersweep.kernel.model.friction import direction, hold_left, outward_slip, slip_force, slip_strength
 from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.elementary import length, raised
 from dimersweep.kernel.numerics.steps import clear
@@ -131,14 +131,14 @@ def from_clock(clock, z):
 
 
 @compiled(inline=True)
-def friction(dm, mode_1, mode_2, f_1, f_2, a, b_1, b_2):
+def friction(dm, modes, f_1, f_2, a, b_1, b_2):
     """Total axial friction A and the laterals L_1, L_2, for given friction modes of the two ends."""
-    if mode_1 == STICK and mode_2 == STICK:
+    if modes[0] == STICK and modes[1] == STICK:
         return -pull(dm, f_1, f_2) / dm.pair.aa, 0.0, 0.0
-    if mode_1 == STICK:  # a = 0, so that p2 can slip only laterally
+    if modes[0] == STICK:  # a = 0, so that p2 can slip only laterally
         _, L_2 = slip_force(dm.p2.mu, f_2, 0.0, copysign(1.0, b_2))
         return -pull(dm, f_1, f_2) / dm.pair.aa, -dm.pair.bb_12 / dm.pair.bb_1 * L_2, L_2
-    if mode_2 == STICK:
+    if modes[1] == STICK:
         _, L_1 = slip_force(dm.p1.mu, f_1, 0.0, copysign(1.0, b_1))
         return -pull(dm, f_1, f_2) / dm.pair.aa, L_1, -dm.pair.bb_12 / dm.pair.bb_2 * L_1
     k_1, k_2 = slip_strength(dm.p1.mu, f_1, length(a, b_1)), slip_strength(dm.p2.mu, f_2, length(a, b_2))
@@ -153,7 +153,7 @@ def rates_in_clock(dm, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
     """
     pace = 1.0 if clock == PLAIN_CLOCK else (X_2 if clock == 1 else X_1)
     f_1, f_2 = pace * force_in_clock(dm, clock, 0, X_1), pace * force_in_clock(dm, clock, 1, X_2)
-    A, L_1, L_2 = friction(dm, modes[0], modes[1], f_1, f_2, a, b_1, b_2)
+    A, L_1, L_2 = friction(dm, modes, f_1, f_2, a, b_1, b_2)
     w, f, apart, L, L_apart = dm.pair, f_1 + f_2, f_1 - f_2, L_1 + L_2, L_1 - L_2
     return (
         given(w.n_1, f, apart) + w.na_1 * A,
@@ -175,16 +175,16 @@ def impact_rates(dm, modes, gains, clock, z, out):
 
 
 @compiled
-def friction_slopes(dm, mode_1, mode_2, z, g_1, g_2, J):
+def friction_slopes(dm, modes, z, g_1, g_2, J):
     """Partial derivatives of (A, L_1, L_2) with respect to (X_1, X_2, a, b_1, b_2) into J (3, 5); g_i = df_i/dX_i."""
     clear(J, 3, 5)
     a, b_1, b_2 = z[ZA], z[ZB1], z[ZB2]
-    if mode_1 == STICK or mode_2 == STICK:
+    if modes[0] == STICK or modes[1] == STICK:
         J[0, 0], J[0, 1] = -dm.pair.na_1 * g_1 / dm.pair.aa, -dm.pair.na_2 * g_2 / dm.pair.aa
-        if mode_1 != STICK:
+        if modes[0] != STICK:
             J[1, 0] = -dm.p1.mu * g_1 * copysign(1.0, b_1)
             J[2, 0] = -dm.pair.bb_12 / dm.pair.bb_2 * J[1, 0]
-        if mode_2 != STICK:
+        if modes[1] != STICK:
             J[2, 1] = -dm.p2.mu * g_2 * copysign(1.0, b_2)
             J[1, 1] = -dm.pair.bb_12 / dm.pair.bb_1 * J[2, 1]
         return
@@ -206,7 +206,7 @@ def friction_slopes(dm, mode_1, mode_2, z, g_1, g_2, J):
 def impact_jacobian(dm, modes, gains, z, F, J):
     """Jacobian of ``impact_rates`` in the plain clock into J (7, 7); F (3, 5) is scratch."""
     g_1, g_2 = force_slope(dm, 0, z[ZX1]), force_slope(dm, 1, z[ZX2])
-    friction_slopes(dm, modes[0], modes[1], z, g_1, g_2, F)
+    friction_slopes(dm, modes, z, g_1, g_2, F)
     clear(J, N_Z, N_Z)
     for k in range(5):
         f_1 = g_1 if k == 0 else 0.0
@@ -222,6 +222,18 @@ def impact_jacobian(dm, modes, gains, z, F, J):
 
 
 @compiled
+def rub_rates(dm, modes, clock, X_1, X_2, slips, out):
+    """What slip takes per clock at both ends, with the slips (a, b_1, b_2), into its places in out."""
+    pace = 1.0 if clock == PLAIN_CLOCK else (X_2 if clock == 1 else X_1)
+    for i in range(2):
+        out[ZS1 + i] = 0.0
+        if modes[i] == SLIP:
+            X, b = (X_1, slips[1]) if i == 0 else (X_2, slips[2])
+            A, L = slip_force(end(dm, i).mu, pace * force_in_clock(dm, clock, i, X), *direction(slips[0], b))
+            out[ZS1 + i] = A * slips[0] + L * b
+
+
+@compiled
 def axial_hold_left(dm, f_1, f_2, A):
     """How far the friction A that holds both ends, neither of which slips sideways, is from its limit."""
     return dm.p1.mu_s * f_1 + dm.p2.mu_s * f_2 - abs(A)
@@ -232,7 +244,7 @@ def stick_reserve(dm, modes, i, z, f_1, f_2):
     """How far the friction that holds end i is from its limit (with both held, only the sum of the axial parts counts)."""
     if modes[i] != STICK:
         return inf
-    A, L_1, L_2 = friction(dm, modes[0], modes[1], f_1, f_2, z[ZA], z[ZB1], z[ZB2])
+    A, L_1, L_2 = friction(dm, modes, f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     if modes[1 - i] == STICK:
         return axial_hold_left(dm, f_1, f_2, A)
     return hold_left(dm.p1.mu_s, f_1, A, L_1) if i == 0 else hold_left(dm.p2.mu_s, f_2, A, L_2)
@@ -254,11 +266,12 @@ def hold_or_slip(dm, i, z, f_1, f_2, tol, lost):
 
 
 @compiled
-def friction_modes(dm, z, modes, f_1, f_2, tol, lost):
+def friction_modes(dm, z, modes, tol, lost):
     """Friction modes of both ends for the present slips and pressures, into `modes`; slips below tol are set to rest.
 
     `lost` says that the hold at rest has just been lost, whatever rounding says of the limit.
     """
+    f_1, f_2 = first_forces(dm, z)
     at_rest_1 = length(z[ZA], z[ZB1]) <= tol
     at_rest_2 = length(z[ZA], z[ZB2]) <= tol
     modes[0], modes[1] = SLIP, SLIP

@@ -21,12 +21,11 @@ from dimersweep.kernel.impact.double_equations import (
     force,
     forces,
     from_clock,
-    impact_rates,
     lateral_of,
     stick_reserve,
     to_clock,
 )
-from dimersweep.kernel.impact.double_step import Leg, leg_rows, leg_step, pass_rubs_on, rub_rates_at
+from dimersweep.kernel.impact.double_step import leg_on, leg_rates, leg_step
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.armed_events import arm, least_armed
@@ -42,16 +41,11 @@ from dimersweep.kernel.numerics.root_bracket import (
     set_bracket,
     zero_on_cubic,
 )
-from dimersweep.kernel.numerics.steps import (
-    DOP_STAGES,
-    WIDTH,
-    copy,
-    on_cubic,
-    step_factor,
-)
+from dimersweep.kernel.numerics.steps import WIDTH, copy, on_cubic, step_factor
 
 MAX_LEG_STEPS = 20000
 N_LEG_EVENTS = 8
+OUT_OF_LEG_STEPS, GOES_ON = -1, -2  # in place of an event
 FIRST_LEG_STEP = 4.0  # first step, over the tolerance to the power of 1/8
 LEG_TURNS = 5.5  # of a slip, that an explicit step may span: what the method bears
 SLOW_SLIP_STEP = 0.01  # explicit step below which a slip is slow
@@ -139,10 +133,22 @@ def event_value(at, k):
     return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - SLIP_ENDS_AT * at.tol if v > 0.0 else inf
 
 
+@compiled(inline=True)
+def events_at(leg, base, z):
+    """The event functions of a leg in the state z, in its clock."""
+    return LegEvents(leg.dm, leg.modes, leg.compressing, leg.stride.clock, base, z, leg.slip_tol)
+
+
 @compiled
-def least_value(dm, modes, compressing, clock, armed, base, z, tol):
-    """Least of the armed event functions at z, and its number (inf and -1 if none is armed)."""
-    return least_armed(event_value, LegEvents(dm, modes, compressing, clock, base, z, tol), armed, N_LEG_EVENTS)
+def least_event(at, armed):
+    """Least of the armed event functions, and its number (inf and -1 if none is armed)."""
+    return least_armed(event_value, at, armed, N_LEG_EVENTS)
+
+
+@compiled(inline=True)
+def least_value(leg, z):
+    """The same in the state z in a step."""
+    return least_event(events_at(leg, leg.start, z), leg.armed)
 
 
 @compiled
@@ -196,157 +202,146 @@ def foreseen(h, error, h_before, error_before):
     return max(0.3, 0.9 * h / h_before * root)
 
 
-@compiled
-def begin_leg(dm, z, modes, compressing, slip_tol, b):
-    """Gains of the compressions, event functions that are positive already, and zeros where a step reads beyond the state."""
+@compiled(inline=True)
+def begin_leg(leg, z, e):
+    """The gains of the compressions, event functions that are positive already, and the first guess of a step."""
+    s = leg.stride
     for i in range(2):
-        b.gains[i] = 1.0 if compressing[i] > 0.0 else 1.0 / (b.e[i] * b.e[i])
+        leg.gains[i] = 1.0 if leg.compressing[i] > 0.0 else 1.0 / (e[i] * e[i])
     for k in range(N_LEG_EVENTS):
-        b.armed[k] = 0.0
-    arm(event_value, LegEvents(dm, modes, compressing, PLAIN_CLOCK, z, z, slip_tol), b.armed, N_LEG_EVENTS)
-    for k in range(N_Z, WIDTH):
-        b.start[k], b.rates[k] = 0.0, 0.0
-        for i in range(DOP_STAGES):
-            b.K[i, k] = 0.0
+        leg.armed[k] = 0.0
+    s.clock = PLAIN_CLOCK
+    arm(event_value, events_at(leg, z, z), leg.armed, N_LEG_EVENTS)
+    for k in range(N_Z, leg.n):  # what lies beyond the state
+        z[k], leg.K[0, k], leg.rates_probe[k] = 0.0, 0.0, 0.0
+    for k in range(WIDTH):
+        leg.scale[k] = leg.tol
+    s.faint = nearly_raised(leg.tol, 0.4)
+    s.clock, s.longest = ruling_clock(leg.dm, z, leg.gains, s.faint), 1.0 / sqrt(max(leg.gains[0], leg.gains[1]))
+    s.h = FIRST_LEG_STEP * eighth_root(leg.tol) * s.longest
+    s.uncompressed, s.h_before, s.slow = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 0
+
+
+@compiled(inline=True)
+def begin_step(leg, z):
+    """The state and the rates at the start of a step, by the method and in the clock that suit, and what bounds its size."""
+    dm, modes, s, rates = leg.dm, leg.modes, leg.stride, leg.K[0]
+    s.turning = turning_time(dm, modes, z)
+    s.slow = s.slow + 1 if LEG_TURNS * s.turning < SLOW_SLIP_STEP else 0
+    s.stiff = s.slow > LASTS
+    last, s.clock = s.clock, PLAIN_CLOCK if s.stiff else ruling_clock(dm, z, leg.gains, s.faint)
+    s.pace = clock_rate(s.clock, z)
+    if s.clock != last:
+        s.h = min(s.h * clock_rate(last, z) / s.pace, s.longest)
+    copy(z, leg.start, leg.n)
+    to_clock(s.clock, leg.start)
+    leg_rates(leg, leg.start, rates)
+    if not s.stiff and s.h * s.pace > LEG_TURNS * s.turning:
+        s.h = LEG_TURNS * s.turning / s.pace
+    s.h = slip_bound(dm, z, rates, modes, s.h)
+    s.unit = slip_unit(dm, modes, z, rates) if s.stiff else 1.0
+
+
+@compiled(inline=True)
+def step_on(leg, z):
+    """Take one step, or find that it has to be shorter; returns the event that ends the leg, or GOES_ON."""
+    s = leg.stride
+    begin_step(leg, z)
+    error = leg_step(leg, s.h)
+    factor = step_factor(error, 5.0 if s.stiff else 8.0)
+    if not error <= 1.0:
+        s.h *= factor
+        return GOES_ON
+    if not s.stiff:
+        if s.h_before > 0.0 and s.clock == s.clock_before:
+            factor = min(factor, foreseen(s.h, error, s.h_before, s.error_before))
+        elif s.uncompressed:
+            factor = min(factor, SECOND_STEP)
+        s.h_before, s.error_before, s.clock_before = s.h, error, s.clock
+    least, event = least_value(leg, leg.out)
+    if least > 0.0:
+        arm(event_value, events_at(leg, leg.out, leg.out), leg.armed, N_LEG_EVENTS)
+    else:
+        event = first_crossing(leg, event, least)
+        if event == UNSOUND:
+            s.h *= 0.5
+            return GOES_ON
+    copy(leg.out, z, leg.n)
+    from_clock(s.clock, z)
+    # a slip that has only turned by a right angle goes on
+    if least <= 0.0 and (event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * leg.slip_tol):
+        return event
+    if s.stiff:
+        still = stays_slow(leg.dm, leg.modes, z, leg.slip_tol)
+        if still >= 0:
+            return 6 + still
+    s.h *= factor
+    return GOES_ON
 
 
 @compiled
-def double_leg(dm, z, modes, compressing, tol, slip_tol, work):
-    """Integrate from z, in place, to the first event of the phase; returns its number, or -1 when steps or work ran out."""
-    b = leg_rows(work)
-    begin_leg(dm, z, modes, compressing, slip_tol, b)
-    faint = nearly_raised(tol, 0.4)  # a compression that is worth a gap rate of the tolerance
-    clock, slow = ruling_clock(dm, z, b.gains, faint), 0
-    longest = 1.0 / sqrt(max(b.gains[0], b.gains[1]))
-    h = FIRST_LEG_STEP * eighth_root(tol) * longest
-    turning, turns, pace, unit, stiff, fresh = inf, inf, 1.0, 1.0, False, True
-    uncompressed, h_before, error_before, clock_before = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 1.0, PLAIN_CLOCK
+def double_leg(d, tol, work):
+    """Integrate an impact from its state z, in place, to the first event of the leg; returns its number, or OUT_OF_LEG_STEPS,
+    also where the meter is over.
+    """
+    leg = leg_on(d, tol, work)
+    begin_leg(leg, d.z, d.e)
     for _ in range(MAX_LEG_STEPS):
-        if is_over(b.meter):
+        if is_over(leg.meter):
             break
-        if fresh:
-            turning = turning_time(dm, modes, z)
-            turns = LEG_TURNS * turning
-        slow = slow + 1 if turns < SLOW_SLIP_STEP else 0
-        fresh, stiff = fresh or stiff != (slow > LASTS), slow > LASTS
-        if fresh:  # else the last step was refused, and only its size is another one
-            last, clock = clock, PLAIN_CLOCK if stiff else ruling_clock(dm, z, b.gains, faint)
-            pace = clock_rate(clock, z)
-            if clock != last:
-                h = min(h * clock_rate(last, z) / pace, longest)
-            copy(z, b.start, N_Z)
-            pass_rubs_on(z, b.start, b.n)
-            to_clock(clock, b.start)
-            impact_rates(dm, modes, b.gains, clock, b.start, b.rates)
-            if not stiff and h * pace > turns:
-                h = turns / pace
-            h = slip_bound(dm, z, b.rates, modes, h)
-            unit = slip_unit(dm, modes, z, b.rates) if stiff else 1.0
-        error = leg_step(dm, modes, clock, h, tol, unit, stiff, b)
-        factor = step_factor(error, 5.0 if stiff else 8.0)
-        if not error <= 1.0:
-            h, fresh = factor * h, False
-            continue
-        if not stiff:
-            if h_before > 0.0 and clock == clock_before:
-                factor = min(factor, foreseen(h, error, h_before, error_before))
-            elif uncompressed:
-                factor = min(factor, SECOND_STEP)
-            h_before, error_before, clock_before = h, error, clock
-        fresh = True
-        least, event = least_value(dm, modes, compressing, clock, b.armed, b.start, b.out, slip_tol)
-        if least > 0.0:
-            arm(event_value, LegEvents(dm, modes, compressing, clock, b.out, b.out, slip_tol), b.armed, N_LEG_EVENTS)
-        else:
-            brisk = turning / pace if longest * pace > turning else longest
-            event = first_crossing(dm, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b)
-            if event == UNSOUND:
-                h, fresh = 0.5 * h, False
-                continue
-        copy(b.out, z, N_Z)
-        pass_rubs_on(b.out, z, b.n)
-        from_clock(clock, z)
-        # a slip that has only turned by a right angle goes on
-        if least <= 0.0 and (event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * slip_tol):
+        event = step_on(leg, d.z)
+        if event != GOES_ON:
             return event
-        if stiff:
-            still = stays_slow(dm, modes, z, slip_tol)
-            if still >= 0:
-                return 6 + still
-        h *= factor
-    return -1
+    return OUT_OF_LEG_STEPS
 
 
-class LegCrossing(NamedTuple):
-    """A step of a leg with an event in it."""
-
-    dm: Any
-    modes: Any
-    compressing: Any
-    clock: Any
-    h: Any
-    tol: Any
-    slip_tol: Any
-    stiff: Any
-    near: Any  # way over which a probe may carry the last one on
-    b: Any
+# --- the place of an event in a step ------------------------------------------------------------------------------------
 
 
 @compiled(inline=True)
-def value_on_cubic(at, share):
+def value_on_cubic(leg, share):
     """The least event function on the cubic through the ends of the step, at a share of it."""
-    b = at.b
-    on_cubic(b.start, b.rates, b.out, b.rates_out, share, at.h, N_Z, b.probe)
-    g, _ = least_value(at.dm, at.modes, at.compressing, at.clock, b.armed, b.start, b.probe, at.slip_tol)
-    return g
-
-
-@compiled
-def carry_on(dm, modes, clock, t, b):
-    """Carry the end of a step on (or back) by t, by the midpoint rule."""
-    for k in range(N_Z):
-        b.probe[k] = b.out[k] + 0.5 * t * b.rates_out[k]
-    impact_rates(dm, modes, b.gains, clock, b.probe, b.rates_probe)
-    if b.n > WIDTH:
-        rub_rates_at(Leg(dm, modes, b.gains, clock, b.K, b.n), b.probe, b.rates_probe)
-        for k in range(WIDTH, b.n):
-            b.out[k] += t * b.rates_probe[k]
-    for k in range(N_Z):
-        b.out[k] += t * b.rates_probe[k]
+    on_cubic(leg.start, leg.K[0], leg.out, leg.rates_out, share, leg.stride.h, N_Z, leg.probe)
+    return least_value(leg, leg.probe)[0]
 
 
 @compiled(inline=True)
-def probe_step(at, t):
-    """Take the step up to t, or carry the last probe on to t where that is near.
+def probe_step(leg, t):
+    """Take the step up to t, or carry the last probe on (or back) to t, by the midpoint rule, where that is near.
 
     Returns
     -------
     g, event, verdict : float, int, int
         The least event function at t and its event; PROBE_FOUND, PROBE_LOOK_ON or PROBE_REFUSED.
     """
-    b, way = at.b, t - at.b.bracket[0].at
-    if abs(way) <= min(at.near, CARRIED * t):
-        impact_rates(at.dm, at.modes, b.gains, at.clock, b.out, b.rates_out)
-        carry_on(at.dm, at.modes, at.clock, way, b)
-    elif not leg_step(at.dm, at.modes, at.clock, t, at.tol, 1.0, at.stiff, b) <= 1.0:
+    out, way = leg.out, t - leg.bracket[0].at
+    if abs(way) <= min(leg.stride.near, CARRIED * t):
+        leg_rates(leg, out, leg.rates_out)
+        for k in range(N_Z):
+            leg.probe[k] = out[k] + 0.5 * way * leg.rates_out[k]
+        leg_rates(leg, leg.probe, leg.rates_probe)
+        for k in range(leg.n):
+            out[k] += way * leg.rates_probe[k]
+    elif not leg_step(leg, t) <= 1.0:
         return 0.0, UNSOUND, PROBE_REFUSED
-    g, event = least_value(at.dm, at.modes, at.compressing, at.clock, b.armed, b.start, b.out, at.slip_tol)
-    return g, event, PROBE_FOUND if abs(g) <= ZERO_ERROR * at.tol else PROBE_LOOK_ON
+    g, event = least_value(leg, out)
+    return g, event, PROBE_FOUND if abs(g) <= ZERO_ERROR * leg.tol else PROBE_LOOK_ON
 
 
-@compiled
-def first_crossing(dm, modes, compressing, clock, h, event, least, tol, slip_tol, stiff, brisk, b):
-    """Number of the first event in a step h over which the least event function fell to `least`; b.out becomes its state.
+@compiled(inline=True)
+def first_crossing(leg, event, least):
+    """Number of the first event in a step over which the least event function fell to `least`; `out` becomes its state.
 
-    UNSOUND where a probe is refused. A probe at a time t is a step from b.start to t. Where t differs from the time of the last
-    probe by a small part of `brisk`, the time in which the motion changes, the last probe is carried on to t instead.
+    UNSOUND where a probe is refused. A probe at a time t is a step up to t. Where t differs from the time of the last probe by
+    a small part of the time in which the motion changes, the last probe is carried on to t instead.
     """
-    g_low, _ = least_value(dm, modes, compressing, clock, b.armed, b.start, b.start, slip_tol)
-    smooth, s = event < 6, b.bracket[0]
-    near = NEAR_PROBE * nearly_raised(tol, 1.0 / 3.0) * brisk if smooth else 0.0
-    at, guess, slope = LegCrossing(dm, modes, compressing, clock, h, tol, slip_tol, stiff, near, b), 0.0, 0.0
+    s, bracket, smooth = leg.stride, leg.bracket[0], event < 6
+    g_low, _ = least_value(leg, leg.start)
+    s.near, s.unit, guess, slope = 0.0, 1.0, 0.0, 0.0
     if smooth:
-        impact_rates(dm, modes, b.gains, clock, b.out, b.rates_out)
-        guess, slope = zero_on_cubic(value_on_cubic, at, s, h, g_low, least)
-    set_bracket(s, h, g_low, least, guess, slope)
-    return locate(probe_step, at, s, h, 0.0, smooth)
+        brisk = s.turning / s.pace if s.longest * s.pace > s.turning else s.longest
+        s.near = NEAR_PROBE * nearly_raised(leg.tol, 1.0 / 3.0) * brisk
+        leg_rates(leg, leg.out, leg.rates_out)
+        guess, slope = zero_on_cubic(value_on_cubic, leg, bracket, s.h, g_low, least)
+    set_bracket(bracket, s.h, g_low, least, guess, slope)
+    return locate(probe_step, leg, bracket, s.h, 0.0, smooth)

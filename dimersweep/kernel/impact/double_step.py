@@ -7,24 +7,21 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.double_equations import (
     N_RUBBED,
     N_Z,
-    PLAIN_CLOCK,
     ZA,
     ZB1,
+    ZB2,
     ZS1,
     ZX1,
-    force_in_clock,
+    ZX2,
     impact_jacobian,
     impact_rates,
     rates_in_clock,
+    rub_rates,
 )
-from dimersweep.kernel.model.body import end
-from dimersweep.kernel.model.friction import direction, slip_force
-from dimersweep.kernel.model.layout import SLIP
 from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import (
     ROS_STAGES,
     WIDTH,
-    copy,
     explicit_step,
     implicit_load,
     implicit_stage,
@@ -34,19 +31,48 @@ from dimersweep.kernel.numerics.steps import (
 )
 from dimersweep.kernel.numerics.tableaux import ROS_GAMMA
 
-LEG_ROWS = 40
+LEG_ROWS = 38
 EXPLICIT_LEG_COST, IMPLICIT_LEG_COST = 0.5, 1.0  # of a step, in hops of one end: as measured
 
 
-class LegRows(NamedTuple):
-    """Rows of the work array, by what they hold during a step."""
+class Stride:
+    """What one step of a leg leaves to the next."""
 
-    K: Any  # slopes of the stages
+    clock: int
+    pace: float  # dtau/dsigma of that clock at the start of the step
+    h: float  # size of the step, or of the next one
+    longest: float
+    turning: float  # time in which friction turns the slip that it turns fastest
+    slow: int  # steps in a row in which that is short
+    stiff: bool  # whether the step is implicit, and the unit of the slips' errors in it
+    unit: float
+    near: float  # way over which a probe may carry the last one on
+    faint: float  # compression that is worth a gap rate of the tolerance
+    uncompressed: bool  # whether the leg sets out so
+    clock_before: (
+        int  # of the last explicit step that was taken, if any, with its size, and its error over the tolerance
+    )
+    h_before: float
+    error_before: float
+
+
+class Leg(NamedTuple):
+    """A leg of an impact at both ends, and rows of scratch by what they hold during a step of it."""
+
+    dm: Any
+    modes: Any
+    compressing: Any
+    tol: float
+    slip_tol: float
+    n: int  # entries of the state that are integrated
+    stride: Any
+    meter: Any
+    bracket: Any
+    K: Any  # slopes of the stages, the first of them at the start of the step
     J: Any  # Jacobian, and the matrix of the implicit stages
     LU: Any
     F: Any  # derivatives of the frictions
-    start: Any  # state and rates at the start of the step, and the state at its end
-    rates: Any
+    start: Any  # state at the start of the step, and state and rates at its end
     out: Any
     rates_out: Any
     scale: Any
@@ -55,17 +81,22 @@ class LegRows(NamedTuple):
     pivots: Any
     probe: Any
     rates_probe: Any
-    bracket: Any
-    e: Any  # restitution of both ends
-    meter: Any
-    n: int  # entries of the state that an explicit step integrates
 
 
-@compiled
-def leg_rows(work):
-    """The rows of a leg on scratch of at least LEG_ROWS rows."""
+@compiled(inline=True)
+def leg_on(d, tol, work):
+    """A leg of an impact on its scratch, of at least LEG_ROWS rows."""
     rows = work.rows
-    return LegRows(
+    return Leg(
+        d.dm,
+        d.modes,
+        d.compressing,
+        tol,
+        d.slip_tol,
+        N_RUBBED if work.course[0].tally.wanted else WIDTH,
+        work.course[0].stride,
+        work.meter,
+        work.bracket,
         rows[0:12],
         rows[12:19],
         rows[19:26],
@@ -79,116 +110,83 @@ def leg_rows(work):
         rows[35],
         rows[36],
         rows[37],
-        rows[38],
-        work.bracket,
-        rows[39],
-        work.meter,
-        N_RUBBED if work.course[0].tally.wanted else WIDTH,
     )
 
 
-class Leg(NamedTuple):
-    """What the rates of a leg depend on besides its state."""
+class Stage(NamedTuple):
+    """What the slopes of a stage depend on besides its state."""
 
     dm: Any
     modes: Any
     gains: Any
-    clock: Any
-    K: Any  # of all rows no more than a stage needs: each is handed on by its parts
+    clock: int
+    K: Any
     n: int
 
 
-@compiled
-def rub_rates(leg, X_1, X_2, a, b_1, b_2, out):
-    """What slip takes per clock at both ends, into its places in out."""
-    dm, clock = leg.dm, leg.clock
-    pace = 1.0 if clock == PLAIN_CLOCK else (X_2 if clock == 1 else X_1)
-    for i in range(2):
-        out[ZS1 + i] = 0.0
-        if leg.modes[i] == SLIP:
-            X, b = (X_1, b_1) if i == 0 else (X_2, b_2)
-            A, L = slip_force(end(dm, i).mu, pace * force_in_clock(dm, clock, i, X), *direction(a, b))
-            out[ZS1 + i] = A * a + L * b
-
-
-@compiled
-def rub_rates_at(leg, z, out):
-    """What slip takes per clock in the state z."""
-    rub_rates(leg, z[ZX1], z[ZX1 + 1], z[ZA], z[ZB1], z[ZB1 + 1], out)
-
-
-@compiled
-def pass_rubs_on(source, target, n):
-    """Copy what slip has taken, where it is wanted."""
-    for k in range(ZS1, n):
-        target[k] = source[k]
-
-
 @compiled(inline=True)
-def leg_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
+def stage_slopes(step, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
     """Slopes of a stage of an explicit step; the last entry that it controls is not used."""
-    if leg.n > WIDTH:
-        rub_rates(leg, X_1, X_2, a, b_1, b_2, leg.K[i])
-    rates = rates_in_clock(leg.dm, leg.modes, leg.gains, leg.clock, n_1, n_2, X_1, X_2, a, b_1, b_2)
+    if step.n > WIDTH:
+        rub_rates(step.dm, step.modes, step.clock, X_1, X_2, (a, b_1, b_2), step.K[i])
+    rates = rates_in_clock(step.dm, step.modes, step.gains, step.clock, n_1, n_2, X_1, X_2, a, b_1, b_2)
     return rates[0], rates[1], rates[2], rates[3], rates[4], rates[5], rates[6], 0.0
 
 
-@compiled
-def explicit_leg_step(dm, modes, clock, h, tol, b):
-    """One DOP853 step of size h in a clock, from b.start into b.out; returns the error over the tolerance."""
-    leg = Leg(dm, modes, b.gains, clock, b.K, b.n)
-    copy(b.rates, b.K[0], WIDTH)
-    if b.n > WIDTH:
-        rub_rates_at(leg, b.start, b.K[0])
-    for j in range(WIDTH):
-        b.scale[j] = tol
-    return explicit_step(leg_slopes, leg, h, b.start, b.K, b.n, b.scale, b.out)
+@compiled(inline=True)
+def leg_rates(leg, z, out):
+    """Rates of a state in the clock of a leg, and of what slip takes, where it is wanted."""
+    clock = leg.stride.clock
+    impact_rates(leg.dm, leg.modes, leg.gains, clock, z, out)
+    if leg.n > WIDTH:
+        rub_rates(leg.dm, leg.modes, clock, z[ZX1], z[ZX2], (z[ZA], z[ZB1], z[ZB2]), out)
 
 
 @compiled
-def implicit_step(dm, modes, h, tol, slip_unit, b):
-    """One Rodas5P step of size h from b.start into b.out; returns the error over the tolerance.
+def leg_step(leg, h):
+    """One step of size h from its start into `out`, by the method that suits; returns the error over the tolerance."""
+    if leg.stride.stiff:
+        charge(leg.meter, IMPLICIT_LEG_COST)
+        return implicit_step(leg, h)
+    charge(leg.meter, EXPLICIT_LEG_COST)
+    step = Stage(leg.dm, leg.modes, leg.gains, leg.stride.clock, leg.K, leg.n)
+    return explicit_step(stage_slopes, step, h, leg.start, leg.K, leg.n, leg.scale, leg.out)
 
-    Errors of the slips are measured in `slip_unit`.
+
+@compiled
+def implicit_step(leg, h):
+    """One Rodas5P step of size h from its start into `out`, in the plain clock; returns the error over the tolerance.
+
+    Errors of the slips are measured in their unit.
     """
-    impact_jacobian(dm, modes, b.gains, b.start, b.F, b.J)
+    LU, out, K = leg.LU, leg.out, leg.K[1:]
+    impact_jacobian(leg.dm, leg.modes, leg.gains, leg.start, leg.F, leg.J)
     for i in range(N_Z):
         for j in range(N_Z):
-            b.LU[i, j] = -b.J[i, j]
-        b.LU[i, i] += 1.0 / (ROS_GAMMA * h)
-    if not lu_factor(b.LU, N_Z, b.pivots):
+            LU[i, j] = -leg.J[i, j]
+        LU[i, i] += 1.0 / (ROS_GAMMA * h)
+    if not lu_factor(LU, N_Z, leg.pivots):
         return inf
     for i in range(ROS_STAGES):
-        implicit_stage(i, b.start, b.K, N_Z, b.out)
-        impact_rates(dm, modes, b.gains, PLAIN_CLOCK, b.out, b.K[i])
-        implicit_load(i, h, b.K, N_Z, b.K[i])
-        lu_solve(b.LU, N_Z, b.pivots, b.K[i])
+        implicit_stage(i, leg.start, K, N_Z, out)
+        impact_rates(leg.dm, leg.modes, leg.gains, leg.stride.clock, out, K[i])
+        implicit_load(i, h, K, N_Z, K[i])
+        lu_solve(LU, N_Z, leg.pivots, K[i])
     total = 0.0
     for k in range(N_Z):
-        b.out[k] += b.K[ROS_STAGES - 1, k]
-        unit = slip_unit if k >= ZA else 1.0
-        total += (b.K[ROS_STAGES - 1, k] / unit) ** 2
-    if b.n > WIDTH:
-        rub_over_step(Leg(dm, modes, b.gains, PLAIN_CLOCK, b.K, b.n), h, b)
-    return sqrt(total / N_Z) / tol
+        out[k] += K[ROS_STAGES - 1, k]
+        unit = leg.stride.unit if k >= ZA else 1.0
+        total += (K[ROS_STAGES - 1, k] / unit) ** 2
+    if leg.n > WIDTH:
+        rub_over_step(leg, h)
+    return sqrt(total / N_Z) / leg.tol
 
 
 @compiled
-def rub_over_step(leg, h, b):
+def rub_over_step(leg, h):
     """What slip takes over an implicit step, by Simpson's rule on the cubic through its ends."""
-    impact_rates(leg.dm, leg.modes, b.gains, PLAIN_CLOCK, b.out, b.rates_out)
-    on_cubic(b.start, b.rates, b.out, b.rates_out, 0.5, h, N_Z, b.probe)
-    pass_rubs_on(b.start, b.out, b.n)
-    for share, z in ((1.0, b.start), (4.0, b.probe), (1.0, b.out)):
-        rub_rates_at(leg, z, b.rates_probe)
-        for k in range(ZS1, N_RUBBED):
-            b.out[k] += share * h / 6.0 * b.rates_probe[k]
-
-
-@compiled(inline=True)
-def leg_step(dm, modes, clock, h, tol, slip_unit, stiff, b):
-    """One step of size h from b.start into b.out, by the method that suits; returns the error over the tolerance."""
-    charge(b.meter, IMPLICIT_LEG_COST if stiff else EXPLICIT_LEG_COST)
-    if stiff:
-        return implicit_step(dm, modes, h, tol, slip_unit, b)
-    return explicit_leg_step(dm, modes, clock, h, tol, b)
+    leg_rates(leg, leg.out, leg.rates_out)
+    on_cubic(leg.start, leg.K[0], leg.out, leg.rates_out, 0.5, h, N_Z, leg.probe)
+    leg_rates(leg, leg.probe, leg.rates_probe)
+    for k in range(ZS1, N_RUBBED):
+        leg.out[k] = leg.start[k] + h / 6.0 * (leg.K[0, k] + 4.0 * leg.rates_probe[k] + leg.rates_out[k])

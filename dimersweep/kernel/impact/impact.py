@@ -17,14 +17,13 @@ from dimersweep.kernel.impact.double_equations import (
     ZX1,
     ZX2,
     compression,
-    first_forces,
     friction_modes,
     impact_rates,
     rest_work,
     stored_energy,
 )
-from dimersweep.kernel.impact.double_leg import double_leg
-from dimersweep.kernel.impact.double_step import LEG_ROWS, leg_rows
+from dimersweep.kernel.impact.double_leg import OUT_OF_LEG_STEPS, double_leg
+from dimersweep.kernel.impact.double_step import LEG_ROWS
 from dimersweep.kernel.impact.phase_log import log_phase, log_single
 from dimersweep.kernel.impact.single_impact import (
     OTHER,
@@ -76,22 +75,21 @@ LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integra
 IMPACT_SLIP_SCALE = 0.1  # slip that counts as none, in units of the impact's tolerance
 
 
-class ImpactRows(NamedTuple):
-    """Rows of the work array, beyond those of a leg, by what they hold during an impact at both ends."""
+class DoubleImpact(NamedTuple):
+    """An impact at both ends on its way, and rows of scratch beyond those of a leg."""
 
+    dm: Any
+    modes: Any  # friction modes of both ends
+    V: float  # approach speed [m/s]
+    slip_tol: float  # slip that counts as none [V]
+    left: float  # gap rate that counts as none [V], and the compression that is worth it
+    least: float
     z: Any  # the contact velocities and the compressions
     start: Any  # those before the impact
     before: Any  # those before the phase
-    compressing: Any  # 1.0 for an end in compression, -1.0 for one in restitution
     mid: Any  # those at which a slip ended within the phase
-    e: Any  # restitution of both ends, as the leg has it
-
-
-@compiled
-def impact_rows(work):
-    """The rows of an impact at both ends on a work array."""
-    rows, more = work.rows, LEG_ROWS
-    return ImpactRows(rows[more], rows[more + 1], rows[more + 2], rows[more + 3], rows[more + 4], leg_rows(work).e)
+    compressing: Any  # 1.0 for an end in compression, -1.0 for one in restitution
+    e: Any  # restitution of both ends
 
 
 @compiled
@@ -111,35 +109,35 @@ def end_law(dm, i, both, sin_b, cos_b, e):
 
 
 @compiled
-def is_loaded(i, z, left, least):
+def is_loaded(d, i):
     """Whether end i is compressed or approaches, by more than the gap rate `left`, or the compression `least` worth as much."""
-    X, n = z[ZX1 + i], z[ZN1 + i]
-    return n < -left or least < X or (X > 0.0 and n > left)
+    X, n = d.z[ZX1 + i], d.z[ZN1 + i]
+    return n < -d.left or d.least < X or (X > 0.0 and n > d.left)
 
 
 @compiled
-def let_go(i, z, compressing, left, least):
+def let_go(d, i):
     """An end that is not loaded has no compression left."""
-    if not is_loaded(i, z, left, least):
-        z[ZX1 + i] = 0.0
-        compressing[i] = 1.0
+    if not is_loaded(d, i):
+        d.z[ZX1 + i] = 0.0
+        d.compressing[i] = 1.0
 
 
 @compiled
-def acts(dm, i, z, left, least, slip_tol):
+def acts(d, i):
     """Whether end i acts now or is about to: it is loaded, or the force at the other end drives it towards the plate from rest.
 
     At rest and uncompressed, an end is driven by the other one alone, with the friction that other end has.
     """
-    if is_loaded(i, z, left, least):
+    if is_loaded(d, i):
         return True
-    j = 1 - i
-    if z[ZN1 + i] > 0.0 or not is_loaded(j, z, left, least):
+    z, j = d.z, 1 - i
+    if z[ZN1 + i] > 0.0 or not is_loaded(d, j):
         return False
-    w, other = dm.pair, end(dm, j)
+    w, other = d.dm.pair, end(d.dm, j)
     na_i, na_j = (w.na_1, w.na_2) if i == 0 else (w.na_2, w.na_1)
     v = length(z[ZA], z[ZB1 + j])
-    if v > slip_tol:
+    if v > d.slip_tol:
         friction, _ = slip_force(other.mu, 1.0, z[ZA], 0.0)
         tau = friction / v
     else:
@@ -160,7 +158,7 @@ def single_impact(dm, state, i, V, tol, work, log):
     law = end_law(dm, i, 0.0, sin_b, cos_b, restitution(p.e, tol))
     n, a, b = contact_velocity(dm, state, i)
     slip_tol = max(IMPACT_SLIP_SCALE * tol, slip_rounding(dm, state) / V)
-    blow = work.blow[0]
+    blow = work.course[0].blow
     begin_blow(blow, n / V, a / V, b / V, 0.0, 0.0)
     status = single_phase(law, blow, slip_tol, work)
     if status != OK:
@@ -191,7 +189,7 @@ def single_impact(dm, state, i, V, tol, work, log):
 def note_single(work, row, i, V, unit, impulses, slipping):
     """Note the works of a phase at end i alone, and of its impulses (normal, axial, lateral)."""
     P, A, B = impulses
-    rest, slip = works_of_one(i, work.blow[0], slipping)
+    rest, slip = works_of_one(i, work.course[0].blow, slipping)
     P_1, B_1, P_2, B_2 = (P, B, 0.0, 0.0) if i == 0 else (0.0, 0.0, P, B)
     note_struck(work, row, unit * V, rest, slip, (unit * P_1, unit * P_2, unit * A, unit * B_1, unit * B_2))
 
@@ -215,18 +213,23 @@ def apply_impulse(dm, state, lv, P, A, B):
 
 
 @compiled
-def load_double(dm, state, V, z):
-    """Contact velocities at a double contact into z, in units of V, uncompressed."""
-    z[ZN1], z[ZN2] = state[N1] / V, state[N2] / V
+def begin_double(d, state, tol):
+    """Contact velocities at a double contact in units of V, uncompressed, and the restitution of both ends."""
+    dm, z = d.dm, d.z
+    z[ZN1], z[ZN2] = state[N1] / d.V, state[N2] / d.V
     z[ZX1], z[ZX2] = 0.0, 0.0
     _, a, b_1 = contact_velocity(dm, state, 0)
     _, _, b_2 = contact_velocity(dm, state, 1)
-    z[ZA], z[ZB1], z[ZB2] = a / V, b_1 / V, b_2 / V
+    z[ZA], z[ZB1], z[ZB2] = a / d.V, b_1 / d.V, b_2 / d.V
+    copy(z, d.start, N_Z)
+    d.compressing[0], d.compressing[1] = 1.0, 1.0
+    d.e[0], d.e[1] = restitution(dm.p1.e, tol), restitution(dm.p2.e, tol)
 
 
 @compiled
-def impulses_between(dm, z, start, V):
+def impulses_between(d, start, z):
     """Normal impulses (P_1, P_2), axial sum A and laterals (B_1, B_2) that lead from `start` to z [kg m/s]."""
+    dm, V = d.dm, d.V
     p, q = level_levers(dm)
     d_n1, d_n2 = (z[ZN1] - start[ZN1]) * V, (z[ZN2] - start[ZN2]) * V
     d_w = (d_n2 - d_n1) / (q.n - p.n)
@@ -247,68 +250,53 @@ def double_impact(dm, state, V, tol, modes, work, log):
     status, rows : int
         OK or the reason; rows logged.
     """
-    z, start, before, compressing, mid, e = impact_rows(work)
-    e[0], e[1] = restitution(dm.p1.e, tol), restitution(dm.p2.e, tol)
-    load_double(dm, state, V, z)
-    copy(z, start, N_Z)
     slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), slip_rounding(dm, state) / V)
-    wanted, energy = work.course[0].tally.wanted, dm.m * V * V
     left, leg_tol = max(LEFT_OVER * tol, LEAST_LEFT), max(min(DOUBLE_TOL * tol, COARSEST_LEG_TOL), FINEST_LEG_TOL)
     least = raised(left, 2.0 / (dm.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
-    compressing[0], compressing[1] = 1.0, 1.0
-    rows = 0
-    status = IMPACT_STEPS
-    lost = False
+    more = work.rows[LEG_ROWS:]
+    z, start, before, mid = more[0], more[1], more[2], more[3]
+    d = DoubleImpact(dm, modes, V, slip_tol, left, least, z, start, before, mid, more[4], more[5])
+    begin_double(d, state, tol)
+    wanted, blow = work.course[0].tally.wanted, work.course[0].blow
+    rows, status, lost = 0, IMPACT_STEPS, False
     for _ in range(MAX_PHASES):
         charge(work.meter, PHASE_COST)
-        let_go(0, z, compressing, left, least)
-        let_go(1, z, compressing, left, least)
-        on_1, on_2 = acts(dm, 0, z, left, least, slip_tol), acts(dm, 1, z, left, least, slip_tol)
+        let_go(d, 0)
+        let_go(d, 1)
+        on_1, on_2 = acts(d, 0), acts(d, 1)
         if not on_1 and not on_2:
             z[ZN1], z[ZN2] = max(0.0, z[ZN1]), max(0.0, z[ZN2])
             status = OK
             break
         copy(z, before, N_Z)
-        rest, slip = (0.0, 0.0), (0.0, 0.0)
+        works = (0.0, 0.0), (0.0, 0.0)
         if on_1 and on_2:
-            f_1, f_2 = first_forces(dm, z)
-            friction_modes(dm, z, modes, f_1, f_2, slip_tol, lost)
-            if follow_acceleration(dm, z, modes, compressing, left, e, mid):
+            friction_modes(dm, z, modes, slip_tol, lost)
+            if follow_acceleration(d):
                 continue
-            z[ZS1], z[ZS2] = 0.0, 0.0
-            event = double_leg(dm, z, modes, compressing, leg_tol, slip_tol, work)
-            if event < 0:
+            event = double_leg(d, leg_tol, work)
+            if event == OUT_OF_LEG_STEPS:
                 break
             if wanted:
-                rest_1 = rest_work(dm, 0, before[ZX1], compressing, e, z)
-                rest, slip = (rest_1, rest_work(dm, 1, before[ZX2], compressing, e, z)), (z[ZS1], z[ZS2])
+                works = works_of_leg(d)
             lost = 4 <= event < 6
-            settle_event(dm, event, z, compressing, left, e)
+            settle_event(d, event)
         else:
             i = 0 if on_1 else 1
-            halts, reason = single_end_phase(dm, i, z, modes, compressing, slip_tol, before, mid, e, work)
-            lost = False
+            reason, lost = single_end_phase(d, i, work), False
             if reason != OK and reason != OTHER:
                 status = reason
                 break
-            if halts:
-                impulses = impulses_between(dm, mid, before, V)
-                if wanted:
-                    rest, slip = works_of_one(i, work.blow[0], True)
-                    note_struck(work, rows, energy, rest, slip, impulses)
+            if blow.mode == STICK and 0.0 < blow.P_s < blow.P:
                 beside = SLIP if length(before[ZA], before[ZB2 - i]) > slip_tol else STICK
                 mode_1, mode_2 = (SLIP, beside) if i == 0 else (beside, SLIP)
                 code = coded(impact_digit(on_1, mode_1), impact_digit(on_2, mode_2))
-                rows = log_phase(log, rows, code, before[ZN1], before[ZN2], mid, V, impulses[0], impulses[1])
+                rows = note_phase(d, mid, code, works_of_one(i, blow, True), rows, work, log)
                 copy(mid, before, N_Z)
-            if wanted:
-                rest, slip = works_of_one(i, work.blow[0], False)
-        impulses = impulses_between(dm, z, before, V)
-        if wanted:
-            note_struck(work, rows, energy, rest, slip, impulses)
+            works = works_of_one(i, blow, False)
         code = coded(impact_digit(on_1, modes[0]), impact_digit(on_2, modes[1]))
-        rows = log_phase(log, rows, code, before[ZN1], before[ZN2], z, V, impulses[0], impulses[1])
-    _, _, A, B_1, B_2 = impulses_between(dm, z, start, V)
+        rows = note_phase(d, z, code, works, rows, work, log)
+    _, _, A, B_1, B_2 = impulses_between(d, start, z)
     state[N1], state[N2] = z[ZN1] * V, z[ZN2] * V
     state[CA] += A / dm.m
     p, q = level_levers(dm)
@@ -319,19 +307,35 @@ def double_impact(dm, state, V, tol, modes, work, log):
 
 
 @compiled
-def settle_event(dm, event, z, compressing, left, e):
+def works_of_leg(d):
+    """What restitution takes at both ends over a leg, and what slip does."""
+    rest_1 = rest_work(d.dm, 0, d.before[ZX1], d.compressing, d.e, d.z)
+    return (rest_1, rest_work(d.dm, 1, d.before[ZX2], d.compressing, d.e, d.z)), (d.z[ZS1], d.z[ZS2])
+
+
+@compiled
+def note_phase(d, z, code, works, rows, work, log):
+    """Note a phase up to z, its works (what restitution takes, and slip) and its contact state; returns the rows logged."""
+    impulses = impulses_between(d, d.before, z)
+    if work.course[0].tally.wanted:
+        note_struck(work, rows, d.dm.m * d.V * d.V, works[0], works[1], impulses)
+    return log_phase(log, rows, code, d.before[ZN1], d.before[ZN2], z, d.V, impulses[0], impulses[1])
+
+
+@compiled
+def settle_event(d, event):
     """Make the outcome of an event exact: the function that vanished is zero, at both ends if they move alike.
 
     The other end may have passed an event of its own in the same rounding: what its state says then holds for it too.
     """
-    i = event % 2
+    z, compressing, i = d.z, d.compressing, event % 2
     j = 1 - i
     if event < 2:
         if z[ZN1 + j] == z[ZN1 + i] and compressing[j] == compressing[i]:
             z[ZN1 + j] = 0.0
-            turn(dm, j, z, compressing, left, e)
+            turn(d, j)
         z[ZN1 + i] = 0.0
-        turn(dm, i, z, compressing, left, e)
+        turn(d, i)
     elif event < 4:
         if z[ZX1 + j] == z[ZX1 + i] and compressing[j] == compressing[i]:
             z[ZX1 + j], compressing[j] = 0.0, 1.0
@@ -342,62 +346,57 @@ def settle_event(dm, event, z, compressing, left, e):
         z[ZB1 + i] = 0.0
         z[ZA] = 0.0
     if z[ZX1 + j] > 0.0 and z[ZN1 + j] * compressing[j] > 0.0:
-        turn(dm, j, z, compressing, left, e)
+        turn(d, j)
     elif z[ZX1 + j] <= 0.0 and compressing[j] < 0.0:
         z[ZX1 + j], compressing[j] = 0.0, 1.0
 
 
 @compiled
-def follow_acceleration(dm, z, modes, compressing, left, e, rates):
+def follow_acceleration(d):
     """An end with compression left whose gap rate is exactly zero goes where its acceleration says.
 
     Returns whether an end without restitution has lost its energy so, and the phase with it.
     """
-    gone = False
+    z, rates, gone = d.z, d.mid, False
     for i in range(2):
         if z[ZN1 + i] == 0.0 and z[ZX1 + i] > 0.0:
-            impact_rates(dm, modes, compressing, PLAIN_CLOCK, z, rates)
-            if rates[ZN1 + i] * compressing[i] > 0.0:
-                turn(dm, i, z, compressing, left, e)
+            impact_rates(d.dm, d.modes, d.compressing, PLAIN_CLOCK, z, rates)
+            if rates[ZN1 + i] * d.compressing[i] > 0.0:
+                turn(d, i)
                 gone = gone or z[ZX1 + i] == 0.0
     return gone
 
 
 @compiled
-def turn(dm, i, z, compressing, left, e):
+def turn(d, i):
     """End i passes from compression to restitution or back; its energy is lost where it is not worth the gap rate `left`."""
-    compressing[i] = -compressing[i]
-    if e[i] * raised(max(0.0, z[ZX1 + i]), 0.5 * (dm.eta + 1.0)) <= left:
-        z[ZX1 + i] = 0.0
-        compressing[i] = 1.0
+    d.compressing[i] = -d.compressing[i]
+    if d.e[i] * raised(max(0.0, d.z[ZX1 + i]), 0.5 * (d.dm.eta + 1.0)) <= d.left:
+        d.z[ZX1 + i] = 0.0
+        d.compressing[i] = 1.0
 
 
 @compiled
-def single_end_phase(dm, i, z, modes, compressing, slip_tol, before, mid, e, work):
-    """Phase of a double impact in which only end i acts; z, modes and the direction of compression in place.
+def single_end_phase(d, i, work):
+    """Phase of a double impact in which only end i acts: the state, the modes and the direction of compression after it.
 
-    Returns
-    -------
-    halts : bool
-        Whether end i slipped first and stuck then; the velocities at that moment are in `mid`.
-    reason : int
-        OK, OTHER, or why it cannot go on.
+    Where the end slipped first and stuck then, the velocities at that moment are in `mid`. Returns OK, OTHER, or why it cannot
+    go on.
     """
-    law, blow, j = end_law(dm, i, 1.0, dm.sin_0, dm.cos_0, e[i]), work.blow[0], 1 - i
+    dm, z, mid, j = d.dm, d.z, d.mid, 1 - i
+    law, blow = end_law(dm, i, 1.0, dm.sin_0, dm.cos_0, d.e[i]), work.course[0].blow
     begin_blow(blow, z[ZN1 + i], z[ZA], z[ZB1 + i], stored_energy(dm, i, z[ZX1 + i]), z[ZN1 + j])
-    status = single_phase(law, blow, slip_tol, work)
+    status = single_phase(law, blow, d.slip_tol, work)
     z[ZN1 + i], z[ZA], z[ZB1 + i], z[ZX1 + i] = blow.n, blow.a, blow.b, compression(dm, i, blow.E)
     z[ZN1 + j] = blow.n_j
     z[ZB1 + j] += dm.pair.bb_12 * blow.B
-    compressing[i] = 1.0 if blow.n < 0.0 or blow.E == 0.0 else -1.0
-    compressing[j] = 1.0
-    modes[i] = blow.mode
-    modes[j] = STICK if length(z[ZA], z[ZB1 + j]) <= slip_tol else SLIP
-    halts = blow.mode == STICK and 0.0 < blow.P_s < blow.P
-    if halts:
-        copy(before, mid, N_Z)
-        mid[ZN1 + i] += law.nn * blow.P_s + law.na * blow.A_s
-        mid[ZN1 + j] += law.nn_j * blow.P_s + law.na_j * blow.A_s
-        mid[ZA], mid[ZB1 + i] = 0.0, 0.0
-        mid[ZB1 + j] -= dm.pair.bb_12 * before[ZB1 + i] / law.bb
-    return halts, status
+    d.compressing[i] = 1.0 if blow.n < 0.0 or blow.E == 0.0 else -1.0
+    d.compressing[j] = 1.0
+    d.modes[i] = blow.mode
+    d.modes[j] = STICK if length(z[ZA], z[ZB1 + j]) <= d.slip_tol else SLIP
+    copy(d.before, mid, N_Z)
+    mid[ZN1 + i] += law.nn * blow.P_s + law.na * blow.A_s
+    mid[ZN1 + j] += law.nn_j * blow.P_s + law.na_j * blow.A_s
+    mid[ZA], mid[ZB1 + i] = 0.0, 0.0
+    mid[ZB1 + j] -= dm.pair.bb_12 * d.before[ZB1 + i] / law.bb
+    return status
