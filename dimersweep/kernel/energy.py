@@ -57,9 +57,8 @@ def keep_phase(book, n, state, modes, y, work):
 
 @compiled
 def keep_struck(book, first, last, n, rows):
-    """Move the works of the events from `first` up to `last`, which lead to the smooth phase n, into their rows."""
+    """Copy the works of the events from `first` up to `last`, which lead to the smooth phase n, into their rows."""
     struck = rows[rows.shape[0] - STRUCK_ROWS :]
     for k in range(first, min(last, book.leads.shape[0])):
         book.leads[k] = n
-        for j in range(N_WORK):
-            book.struck[k, j], struck[k - first, j] = struck[k - first, j], 0.0
+        copy(struck[k - first], book.struck[k], N_WORK)

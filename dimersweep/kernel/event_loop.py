@@ -65,7 +65,7 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.model.plate import plate_rate, velocity_along
 from dimersweep.kernel.model.works import begin_tally
 from dimersweep.kernel.numerics.elementary import length
-from dimersweep.kernel.numerics.meter import charge, is_over, is_to_stop, set_bound
+from dimersweep.kernel.numerics.meter import charge, is_over, set_bound
 from dimersweep.kernel.numerics.sincos import sincos
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import (
@@ -146,7 +146,7 @@ def going_on(ask, motion):
 @compiled(inline=True)
 def why_over(meter):
     """Status of a run whose meter is over."""
-    return STOPPED if is_to_stop(meter) else MAX_EVENTS
+    return STOPPED if meter[0].stop else MAX_EVENTS
 
 
 @compiled(inline=True)

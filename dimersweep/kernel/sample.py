@@ -35,7 +35,7 @@ from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.model.body import TWO_PI, end, set_dimer
 from dimersweep.kernel.model.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE, STOPPED
 from dimersweep.kernel.model.plate import start_later
-from dimersweep.kernel.numerics.meter import is_to_stop, set_bound
+from dimersweep.kernel.numerics.meter import set_bound
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import BEFORE, SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.kernel.smooth_motion import find_contact, no_slip, only_grazes, set_contact
@@ -179,7 +179,7 @@ def move_contact(dm, motion, span, rtol):
     kernel_state(dm, modes, y, state)
     state[PHASE] += dm.omega * span
     if event == OUT_OF_STEPS:
-        return STOPPED if is_to_stop(motion.meter) else CONTACT_STEPS
+        return STOPPED if motion.meter[0].stop else CONTACT_STEPS
     return OK
 
 

@@ -12,8 +12,8 @@ from dimersweep.kernel.contact.coordinates import N_PATH, UPRIGHT, Y, slip_of, t
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, hold_reserve
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import tempo
-from dimersweep.kernel.numerics.armed_events import arm, least_armed
 from dimersweep.kernel.numerics.elementary import length
+from dimersweep.kernel.numerics.root_bracket import arm, least_armed
 
 # Events of a contact phase, two numbers of each kind that an end has: the even one is p1's, the odd one p2's. A phase
 # evaluates one event function for each number.

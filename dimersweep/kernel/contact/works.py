@@ -10,7 +10,7 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import N_PATH, N_WORKED, Y
 from dimersweep.kernel.contact.forces import phase_rates
 from dimersweep.kernel.contact.step_control import IMPLICIT, RESCALED, implicit_error, step_to
-from dimersweep.kernel.numerics.steps import copy, error_beyond
+from dimersweep.kernel.numerics.steps import copy, explicit_error
 
 WORK_PARTS = 64  # into which a step is taken for its works
 
@@ -22,7 +22,7 @@ def work_error(p, h):
         return 0.0
     if p.control.method == IMPLICIT:
         return implicit_error(h, N_PATH, N_WORKED, p.b)
-    return error_beyond(h, p.b.K, N_PATH, N_WORKED, p.b.scale)
+    return explicit_error(h, p.b.K, N_PATH, N_WORKED, p.b.scale)
 
 
 @compiled

@@ -28,7 +28,6 @@ from dimersweep.kernel.impact.double_equations import (
 from dimersweep.kernel.impact.double_step import leg_on, leg_rates, leg_step
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.layout import SLIP, STICK
-from dimersweep.kernel.numerics.armed_events import arm, least_armed
 from dimersweep.kernel.numerics.elementary import eighth_root, length, nearly_raised
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import (
@@ -37,6 +36,8 @@ from dimersweep.kernel.numerics.root_bracket import (
     PROBE_LOOK_ON,
     PROBE_REFUSED,
     UNSOUND,
+    arm,
+    least_armed,
     locate,
     set_bracket,
     zero_on_cubic,
@@ -151,31 +152,23 @@ def least_value(leg, z):
     return least_event(events_at(leg, leg.start, z), leg.armed)
 
 
-@compiled
-def slip_bound(dm, z, rates, modes, h):
-    """Step that leaves a slip about a tenth of itself where friction has it decrease, at most h."""
+@compiled(inline=True)
+def heed_slips(leg, z):
+    """Have the step leave a slip about a tenth of itself where friction has it decrease; set the unit of the slips' errors.
+
+    In an implicit step a slip that sets out of rest against friction remembers its first direction, so that its errors count
+    relative to itself; else the approach speed is the unit.
+    """
+    dm, s, rates = leg.dm, leg.stride, leg.K[0]
+    s.unit = 1.0
     for i in range(2):
-        v = length(z[ZA], z[ZB1 + i])
-        if modes[i] == SLIP and v > 0.0 and end(dm, i).mu > 0.0:
+        v, mu = length(z[ZA], z[ZB1 + i]), end(dm, i).mu
+        if leg.modes[i] == SLIP and v > 0.0 and mu > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
             if rate < 0.0:
-                h = min(h, -0.9 * v / rate)
-    return h
-
-
-@compiled
-def slip_unit(dm, modes, z, rates):
-    """Unit of the slips' errors: a slip that sets out of rest against friction remembers its first direction, so that its
-    errors count relative to itself; else the approach speed is the unit.
-    """
-    unit = 1.0
-    for i in range(2):
-        v = length(z[ZA], z[ZB1 + i])
-        if modes[i] == SLIP and v > 0.0:
-            rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
-            if rate > 0.0 and end(dm, i).mu * force(dm, i, z[ZX1 + i]) * dm.pair.aa > RUB * rate:
-                unit = min(unit, v)
-    return unit
+                s.h = min(s.h, -0.9 * v / rate)
+            elif s.stiff and rate > 0.0 and mu * force(dm, i, z[ZX1 + i]) * dm.pair.aa > RUB * rate:
+                s.unit = min(s.unit, v)
 
 
 @compiled
@@ -225,7 +218,7 @@ def begin_leg(leg, z, e):
 @compiled(inline=True)
 def begin_step(leg, z):
     """The state and the rates at the start of a step, by the method and in the clock that suit, and what bounds its size."""
-    dm, modes, s, rates = leg.dm, leg.modes, leg.stride, leg.K[0]
+    dm, modes, s = leg.dm, leg.modes, leg.stride
     s.turning = turning_time(dm, modes, z)
     s.slow = s.slow + 1 if LEG_TURNS * s.turning < SLOW_SLIP_STEP else 0
     s.stiff = s.slow > LASTS
@@ -235,11 +228,10 @@ def begin_step(leg, z):
         s.h = min(s.h * clock_rate(last, z) / s.pace, s.longest)
     copy(z, leg.start, leg.n)
     to_clock(s.clock, leg.start)
-    leg_rates(leg, leg.start, rates)
+    leg_rates(leg, leg.start, leg.K[0])
     if not s.stiff and s.h * s.pace > LEG_TURNS * s.turning:
         s.h = LEG_TURNS * s.turning / s.pace
-    s.h = slip_bound(dm, z, rates, modes, s.h)
-    s.unit = slip_unit(dm, modes, z, rates) if s.stiff else 1.0
+    heed_slips(leg, z)
 
 
 @compiled(inline=True)

@@ -31,7 +31,7 @@ from dimersweep.kernel.numerics.steps import (
 )
 from dimersweep.kernel.numerics.tableaux import ROS_GAMMA
 
-LEG_ROWS = 38
+LEG_ROWS = 31
 EXPLICIT_LEG_COST, IMPLICIT_LEG_COST = 0.5, 1.0  # of a step, in hops of one end: as measured
 
 
@@ -69,16 +69,13 @@ class Leg(NamedTuple):
     meter: Any
     bracket: Any
     K: Any  # slopes of the stages, the first of them at the start of the step
-    J: Any  # Jacobian, and the matrix of the implicit stages
-    LU: Any
-    F: Any  # derivatives of the frictions
+    implicit: Any  # of an implicit step: its matrix, derivatives of the frictions, pivots
     start: Any  # state at the start of the step, and state and rates at its end
     out: Any
     rates_out: Any
     scale: Any
     gains: Any
     armed: Any  # event functions that have been positive
-    pivots: Any
     probe: Any
     rates_probe: Any
 
@@ -86,31 +83,10 @@ class Leg(NamedTuple):
 @compiled(inline=True)
 def leg_on(d, tol, work):
     """A leg of an impact on its scratch, of at least LEG_ROWS rows."""
-    rows = work.rows
-    return Leg(
-        d.dm,
-        d.modes,
-        d.compressing,
-        tol,
-        d.slip_tol,
-        N_RUBBED if work.course[0].tally.wanted else WIDTH,
-        work.course[0].stride,
-        work.meter,
-        work.bracket,
-        rows[0:12],
-        rows[12:19],
-        rows[19:26],
-        rows[26:29],
-        rows[29],
-        rows[30],
-        rows[31],
-        rows[32],
-        rows[33],
-        rows[34],
-        rows[35],
-        rows[36],
-        rows[37],
-    )
+    rows, course = work.rows, work.course[0]
+    n = N_RUBBED if course.tally.wanted else WIDTH
+    step = rows[0:12], rows[12:23], rows[23], rows[24], rows[25], rows[26], rows[27], rows[28], rows[29], rows[30]
+    return Leg(d.dm, d.modes, d.compressing, tol, d.slip_tol, n, course.stride, work.meter, work.bracket, *step)
 
 
 class Stage(NamedTuple):
@@ -159,19 +135,19 @@ def implicit_step(leg, h):
 
     Errors of the slips are measured in their unit.
     """
-    LU, out, K = leg.LU, leg.out, leg.K[1:]
-    impact_jacobian(leg.dm, leg.modes, leg.gains, leg.start, leg.F, leg.J)
+    LU, pivots, out, K = leg.implicit[0:7], leg.implicit[10], leg.out, leg.K[1:]
+    impact_jacobian(leg.dm, leg.modes, leg.gains, leg.start, leg.implicit[7:10], LU)
     for i in range(N_Z):
         for j in range(N_Z):
-            LU[i, j] = -leg.J[i, j]
+            LU[i, j] = -LU[i, j]
         LU[i, i] += 1.0 / (ROS_GAMMA * h)
-    if not lu_factor(LU, N_Z, leg.pivots):
+    if not lu_factor(LU, N_Z, pivots):
         return inf
     for i in range(ROS_STAGES):
         implicit_stage(i, leg.start, K, N_Z, out)
         impact_rates(leg.dm, leg.modes, leg.gains, leg.stride.clock, out, K[i])
         implicit_load(i, h, K, N_Z, K[i])
-        lu_solve(LU, N_Z, leg.pivots, K[i])
+        lu_solve(LU, N_Z, pivots, K[i])
     total = 0.0
     for k in range(N_Z):
         out[k] += K[ROS_STAGES - 1, k]

@@ -27,12 +27,6 @@ def is_over(meter):
     return meter[0].spent > meter[0].bound or meter[0].stop
 
 
-@compiled(inline=True)
-def is_to_stop(meter):
-    """Whether the work is to stop because another thread says so."""
-    return meter[0].stop
-
-
 @compiled
 def set_bound(meter, bound):
     """Begin with no work done, of which so much may be; inf for no bound."""

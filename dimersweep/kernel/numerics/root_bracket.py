@@ -1,7 +1,10 @@
-"""Location of the first zero of event functions within a step: a bracket, where it is probed next, and what a probe finds.
+"""Event functions, and the first zero of them in a step: a bracket, where it is probed next, and what a probe finds.
 
-Contact phases and impacts locate their events here; each gives its own probe.
+Contact phases and impacts march alike: a step (`steps.explicit_step`), what it has armed, and, where the least of the armed
+functions has fallen to zero, its place. Each gives its own rates, event functions and probe.
 """
+
+from math import inf
 
 from dimersweep.kernel.compiler.jit import compiled
 
@@ -13,6 +16,26 @@ PROBE_LOOK_ON, PROBE_FOUND, PROBE_REFUSED = range(3)  # the verdict of a probe
 # evaluations, change of the function that is left, and way to its slope
 ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = 12, 1e-6, 1e-3
 GUESSES = 6  # probes by Newton's rule, after which the bracket alone decides
+
+
+@compiled(inline=True)
+def arm(value, problem, armed, n):
+    """Arm those of n event functions that have become positive. ``value(problem, k)`` is function k."""
+    for k in range(n):
+        if armed[k] == 0.0 and value(problem, k) > 0.0:
+            armed[k] = 1.0
+
+
+@compiled(inline=True)
+def least_armed(value, problem, armed, n):
+    """Least of those of n event functions that are armed, and its number (inf and -1 if none is)."""
+    least, which = inf, -1
+    for k in range(n):
+        if armed[k] > 0.0:
+            g = value(problem, k)
+            if g < least:
+                least, which = g, k
+    return least, which
 
 
 class RootBracket:

@@ -53,6 +53,24 @@ def stage_sums(i, last, K):
 
 
 @compiled(fuse=True, inline=True)
+def explicit_error(h, K, first, last, scale):
+    """Error over the tolerance of the entries from `first` up to `last` in a step of DOP853."""
+    sum5, sum3 = 0.0, 0.0
+    for k in range(first, last):
+        e5, e3 = DOP_E5[0] * K[0, k], DOP_E3[0] * K[0, k]
+        for j in range(DOP_SKIPPED[DOP_STAGES], DOP_STAGES):
+            e5 += DOP_E5[j] * K[j, k]
+            e3 += DOP_E3[j] * K[j, k]
+        unit = 1.0 / scale[k]
+        sum5 += (e5 * unit) ** 2
+        sum3 += (e3 * unit) ** 2
+    if sum5 == 0.0:
+        return 0.0
+    size = sqrt((sum5 + 0.01 * sum3) * (last - first))
+    return abs(h) * sum5 / size if size < inf else inf
+
+
+@compiled(fuse=True, inline=True)
 def explicit_finish(h, y, K, n, scale, out):
     """New state into `out`; returns the error of the first WIDTH entries over the tolerance (1 is acceptable).
 
@@ -66,33 +84,7 @@ def explicit_finish(h, y, K, n, scale, out):
         for j in range(DOP_SKIPPED[DOP_STAGES], DOP_STAGES):
             total += DOP_A[DOP_STAGES, j] * K[j, k]
         out[k] = y[k] + h * total
-    sum5, sum3 = 0.0, 0.0
-    for k in range(WIDTH):
-        e5, e3 = DOP_E5[0] * K[0, k], DOP_E3[0] * K[0, k]
-        for j in range(DOP_SKIPPED[DOP_STAGES], DOP_STAGES):
-            e5 += DOP_E5[j] * K[j, k]
-            e3 += DOP_E3[j] * K[j, k]
-        unit = 1.0 / scale[k]
-        sum5 += (e5 * unit) ** 2
-        sum3 += (e3 * unit) ** 2
-    if sum5 == 0.0:
-        return 0.0
-    size = sqrt((sum5 + 0.01 * sum3) * WIDTH)
-    return abs(h) * sum5 / size if size < inf else inf
-
-
-@compiled
-def error_beyond(h, K, first, last, scale):
-    """Error over the tolerance of entries beyond the first WIDTH of a step of DOP853, from `first` up to `last`."""
-    sum5, sum3 = 0.0, 0.0
-    for k in range(first, last):
-        e5, e3 = DOP_E5[0] * K[0, k], DOP_E3[0] * K[0, k]
-        for j in range(DOP_SKIPPED[DOP_STAGES], DOP_STAGES):
-            e5 += DOP_E5[j] * K[j, k]
-            e3 += DOP_E3[j] * K[j, k]
-        sum5 += (e5 / scale[k]) ** 2
-        sum3 += (e3 / scale[k]) ** 2
-    return abs(h) * sum5 / sqrt((sum5 + 0.01 * sum3) * (last - first)) if sum5 > 0.0 else 0.0
+    return explicit_error(h, K, 0, WIDTH, scale)
 
 
 @compiled(fuse=True, inline=True)
