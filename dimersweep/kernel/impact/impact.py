@@ -215,12 +215,12 @@ def apply_impulse(dm, state, lv, P, A, B):
 @compiled
 def begin_double(d, state, tol):
     """Contact velocities at a double contact in units of V, uncompressed, and the restitution of both ends."""
-    dm, z = d.dm, d.z
-    z[ZN1], z[ZN2] = state[N1] / d.V, state[N2] / d.V
+    dm, z, V = d.dm, d.z, d.V
+    z[ZN1], z[ZN2] = state[N1] / V, state[N2] / V
     z[ZX1], z[ZX2] = 0.0, 0.0
     _, a, b_1 = contact_velocity(dm, state, 0)
     _, _, b_2 = contact_velocity(dm, state, 1)
-    z[ZA], z[ZB1], z[ZB2] = a / d.V, b_1 / d.V, b_2 / d.V
+    z[ZA], z[ZB1], z[ZB2] = a / V, b_1 / V, b_2 / V
     copy(z, d.start, N_Z)
     d.compressing[0], d.compressing[1] = 1.0, 1.0
     d.e[0], d.e[1] = restitution(dm.p1.e, tol), restitution(dm.p2.e, tol)
