@@ -1,9 +1,7 @@
 """Impacts at both ends: three balls in a row, the oracle, mirrored pairs, the limit of stick, energy."""
 
-import json
 from itertools import product
 from math import hypot
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,6 +29,7 @@ from dimersweep.kernel.model.layout import (
     WP,
 )
 from tests import oracle
+from tests.checks.impacts import STORED, end_names, rates_apart, works_apart
 from tests.checks.verbs import (
     angular_momentum,
     collide_double,
@@ -43,18 +42,32 @@ from tests.checks.verbs import (
     state_of,
 )
 
-SMALL = json.loads((Path(__file__).parents[1] / "reference" / "small.json").read_text())
-STORED = [case for case in SMALL["impact_cases"] if all(case["closed"])]
-NAMES = {STICK: "sk", SLIP: "sp"}
+DOUBLE = [case for case in STORED if all(case["closed"])]
+
+
+def struck(dm, state, tol=1e-10, works=False):
+    """After an impact of both ends: the state, the friction modes, the scratch, and the log of the phases."""
+    (work, log), state, modes = scratch(), state.copy(), np.zeros(2)
+    work.course[0].tally.wanted = works
+    status, rows = collide_double(dm, state, -float(min(state[N1], state[N2])), tol, modes, work, log)
+    assert status == OK
+    return state, tuple(int(mode) for mode in modes), work, log[:rows]
 
 
 def strike(dm, state, tol=1e-10):
-    """After an impact of both ends: the state, the friction modes, and the log of the phases."""
-    work, log = scratch()
-    state, modes = state.copy(), np.zeros(2)
-    status, rows = collide_double(dm, state, -float(min(state[N1], state[N2])), tol, modes, work, log)
-    assert status == OK
-    return state, tuple(int(mode) for mode in modes), log[:rows]
+    """The same without the scratch."""
+    state, modes, _, log = struck(dm, state, tol)
+    return state, modes, log
+
+
+def assert_as_the_oracle_says(dm, params, before, tol, most):
+    """Velocities and works; that works are wanted changes no bit."""
+    after, _, work, log = struck(dm, before, tol, works=True)
+    np.testing.assert_array_equal(after, strike(dm, before, tol)[0])
+    expected, told = oracle.impact(params, *oracle_state(dm, before), tol=min(tol, 1e-11))
+    V = min(before[N1], before[N2])
+    assert rates_apart(dm, after, expected, -V) < most
+    assert works_apart(dm, work, len(log), told, V) < most
 
 
 def flat(dm, n_1=0.0, n_2=0.0, a=0.0, b_1=0.0, b_2=0.0, spin=0.0):
@@ -92,12 +105,6 @@ def random_flat(dm, rng, k):
     elif k % 5 == 4:
         b_1, b_2, spin = 0.0, 0.0, 0.0  # planar
     return flat(dm, *n, a, b_1, b_2, spin)
-
-
-def rates_apart(dm, qdot, expected, V):
-    """Largest difference of two sets of generalized rates, as speeds of the ends, in units of the approach speed."""
-    lengths = [1, 1, 1, dm.l, dm.l, dm.p1.r]
-    return np.abs((np.asarray(qdot) - expected) * lengths).max() / V
 
 
 def as_a_row_of_balls(dm):
@@ -156,22 +163,17 @@ def test_unlike_ends_and_contacts_against_the_oracle(eta, k_ratio, seed):
     dm = dimer(**params)
     q, qdot = np.zeros(6), rng.normal(size=6) * [1, 1, 1, 5, 20, 100]
     qdot[2] = -abs(qdot[2])
-    before = state_of(dm, q, qdot)
-    after, _, _ = strike(dm, before, 1e-12)
-    expected, _ = oracle.impact(params, q, qdot, tol=1e-12)
-    speed = -min(before[N1], before[N2])
-    assert rates_apart(dm, oracle_state(dm, after)[1], expected, speed) < 1e-9
+    assert_as_the_oracle_says(dm, params, state_of(dm, q, qdot), 1e-12, 1e-9)
 
 
-@pytest.mark.parametrize("k", range(len(STORED)))
+@pytest.mark.parametrize("k", range(len(DOUBLE)))
 def test_stored_impacts(k):
-    case = STORED[k]
+    case = DOUBLE[k]
     dm = dimer(**case["params"])
     before = state_of(dm, case["q"], case["qdot_minus"])
-    V = -min(before[N1], before[N2])
     after, modes, _ = strike(dm, before)
-    assert rates_apart(dm, oracle_state(dm, after)[1], case["qdot_plus"], V) < 1e-7
-    assert [NAMES[mode] for mode in modes] == case["end"]
+    assert rates_apart(dm, after, case["qdot_plus"], -min(before[N1], before[N2])) < 1e-7
+    assert end_names(modes) == case["end"]
 
 
 @pytest.mark.slow
@@ -184,12 +186,7 @@ def test_random_impacts_against_the_oracle(seed):
     e = rng.uniform(0.05, 1)
     params |= {"e": e} if seed % 4 else {"e_1": rng.uniform(0.05, 1), "e_2": rng.uniform(0.05, 1)}
     dm = dimer(**params)
-    before = random_flat(dm, rng, seed)
-    q, qdot = oracle_state(dm, before)
-    after, _, _ = strike(dm, before)
-    expected, _ = oracle.impact(params, q, qdot)
-    V = -min(before[N1], before[N2])
-    assert rates_apart(dm, oracle_state(dm, after)[1], expected, V) < 1e-7
+    assert_as_the_oracle_says(dm, params, random_flat(dm, rng, seed), 1e-10, 1e-7)
 
 
 @pytest.mark.parametrize("e", [1.0, 0.5, 0.0])
