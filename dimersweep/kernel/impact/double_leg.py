@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.impact.double_equations import (
     BOTH_CLOCK,
+    N_RUBBED,
     N_Z,
     PLAIN_CLOCK,
     ZA,
@@ -25,7 +26,7 @@ from dimersweep.kernel.impact.double_equations import (
     stick_reserve,
     to_clock,
 )
-from dimersweep.kernel.impact.double_step import leg_on, leg_rates, leg_step
+from dimersweep.kernel.impact.double_step import Leg, leg_rates, leg_rows, leg_step
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.elementary import eighth_root, length, nearly_raised
@@ -134,12 +135,6 @@ def event_value(at, k):
     return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - SLIP_ENDS_AT * at.tol if v > 0.0 else inf
 
 
-@compiled(inline=True)
-def events_at(leg, base, z):
-    """The event functions of a leg in the state z, in its clock."""
-    return LegEvents(leg.dm, leg.modes, leg.compressing, leg.stride.clock, base, z, leg.slip_tol)
-
-
 @compiled
 def least_event(at, armed):
     """Least of the armed event functions, and its number (inf and -1 if none is armed)."""
@@ -149,7 +144,15 @@ def least_event(at, armed):
 @compiled(inline=True)
 def least_value(leg, z):
     """The same in the state z in a step."""
-    return least_event(events_at(leg, leg.start, z), leg.armed)
+    at = LegEvents(leg.dm, leg.modes, leg.compressing, leg.stride.clock, leg.start, z, leg.slip_tol)
+    return least_event(at, leg.armed)
+
+
+@compiled(inline=True)
+def arm_events(leg, z):
+    """Arm the event functions that are positive in the state z."""
+    at = LegEvents(leg.dm, leg.modes, leg.compressing, leg.stride.clock, z, z, leg.slip_tol)
+    arm(event_value, at, leg.armed, N_LEG_EVENTS)
 
 
 @compiled(inline=True)
@@ -204,7 +207,7 @@ def begin_leg(leg, z, e):
     for k in range(N_LEG_EVENTS):
         leg.armed[k] = 0.0
     s.clock = PLAIN_CLOCK
-    arm(event_value, events_at(leg, z, z), leg.armed, N_LEG_EVENTS)
+    arm_events(leg, z)
     for k in range(N_Z, leg.n):  # what lies beyond the state
         z[k], leg.K[0, k], leg.rates_probe[k] = 0.0, 0.0, 0.0
     for k in range(WIDTH):
@@ -252,7 +255,7 @@ def step_on(leg, z):
         s.h_before, s.error_before, s.clock_before = s.h, error, s.clock
     least, event = least_value(leg, leg.out)
     if least > 0.0:
-        arm(event_value, events_at(leg, leg.out, leg.out), leg.armed, N_LEG_EVENTS)
+        arm_events(leg, leg.out)
     else:
         event = first_crossing(leg, event, least)
         if event == UNSOUND:
@@ -276,7 +279,9 @@ def double_leg(d, tol, work):
     """Integrate an impact from its state z, in place, to the first event of the leg; returns its number, or OUT_OF_LEG_STEPS,
     also where the meter is over.
     """
-    leg = leg_on(d, tol, work)
+    n, stride = N_RUBBED if work.course[0].tally.wanted else WIDTH, work.course[0].stride
+    rows = leg_rows(work.rows)
+    leg = Leg(d.dm, d.modes, d.compressing, tol, d.slip_tol, n, stride, work.meter, work.bracket, *rows)
     begin_leg(leg, d.z, d.e)
     for _ in range(MAX_LEG_STEPS):
         if is_over(leg.meter):

@@ -81,12 +81,9 @@ class Leg(NamedTuple):
 
 
 @compiled(inline=True)
-def leg_on(d, tol, work):
-    """A leg of an impact on its scratch, of at least LEG_ROWS rows."""
-    rows, course = work.rows, work.course[0]
-    n = N_RUBBED if course.tally.wanted else WIDTH
-    step = rows[0:12], rows[12:23], rows[23], rows[24], rows[25], rows[26], rows[27], rows[28], rows[29], rows[30]
-    return Leg(d.dm, d.modes, d.compressing, tol, d.slip_tol, n, course.stride, work.meter, work.bracket, *step)
+def leg_rows(rows):
+    """The rows of a leg, in the order in which it has them, on scratch of at least LEG_ROWS."""
+    return rows[0:12], rows[12:23], rows[23], rows[24], rows[25], rows[26], rows[27], rows[28], rows[29], rows[30]
 
 
 class Stage(NamedTuple):
