@@ -106,15 +106,6 @@ def compression(dm, i, E):
 
 
 @compiled
-def rest_work(dm, i, X, compressing, e, z):
-    """Work of the normal impulse at end i over a leg from the compression X to z: what its energy loses, times e^2 in
-    restitution.
-    """
-    lost = stored_energy(dm, i, X) - stored_energy(dm, i, z[ZX1 + i])
-    return lost if compressing[i] > 0.0 else e[i] * e[i] * lost
-
-
-@compiled
 def to_clock(clock, z):
     """Write a state of the plain clock in another one, in place."""
     for i in range(2):

@@ -86,23 +86,13 @@ def leg_rows(rows):
     return rows[0:12], rows[12:23], rows[23], rows[24], rows[25], rows[26], rows[27], rows[28], rows[29], rows[30]
 
 
-class Stage(NamedTuple):
-    """What the slopes of a stage depend on besides its state."""
-
-    dm: Any
-    modes: Any
-    gains: Any
-    clock: int
-    K: Any
-    n: int
-
-
 @compiled(inline=True)
-def stage_slopes(step, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
+def stage_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
     """Slopes of a stage of an explicit step; the last entry that it controls is not used."""
-    if step.n > WIDTH:
-        rub_rates(step.dm, step.modes, step.clock, X_1, X_2, (a, b_1, b_2), step.K[i])
-    rates = rates_in_clock(step.dm, step.modes, step.gains, step.clock, n_1, n_2, X_1, X_2, a, b_1, b_2)
+    clock = leg.stride.clock
+    if leg.n > WIDTH:
+        rub_rates(leg.dm, leg.modes, clock, X_1, X_2, (a, b_1, b_2), leg.K[i])
+    rates = rates_in_clock(leg.dm, leg.modes, leg.gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2)
     return rates[0], rates[1], rates[2], rates[3], rates[4], rates[5], rates[6], 0.0
 
 
@@ -122,8 +112,7 @@ def leg_step(leg, h):
         charge(leg.meter, IMPLICIT_LEG_COST)
         return implicit_step(leg, h)
     charge(leg.meter, EXPLICIT_LEG_COST)
-    step = Stage(leg.dm, leg.modes, leg.gains, leg.stride.clock, leg.K, leg.n)
-    return explicit_step(stage_slopes, step, h, leg.start, leg.K, leg.n, leg.scale, leg.out)
+    return explicit_step(stage_slopes, leg, h, leg.start, leg.K, leg.n, leg.scale, leg.out)
 
 
 @compiled

@@ -19,7 +19,6 @@ from dimersweep.kernel.impact.double_equations import (
     compression,
     friction_modes,
     impact_rates,
-    rest_work,
     stored_energy,
 )
 from dimersweep.kernel.impact.double_leg import OUT_OF_LEG_STEPS, double_leg
@@ -113,14 +112,6 @@ def is_loaded(d, i):
     """Whether end i is compressed or approaches, by more than the gap rate `left`, or the compression `least` worth as much."""
     X, n = d.z[ZX1 + i], d.z[ZN1 + i]
     return n < -d.left or d.least < X or (X > 0.0 and n > d.left)
-
-
-@compiled
-def let_go(d, i):
-    """An end that is not loaded has no compression left."""
-    if not is_loaded(d, i):
-        d.z[ZX1 + i] = 0.0
-        d.compressing[i] = 1.0
 
 
 @compiled
@@ -254,15 +245,16 @@ def double_impact(dm, state, V, tol, modes, work, log):
     left, leg_tol = max(LEFT_OVER * tol, LEAST_LEFT), max(min(DOUBLE_TOL * tol, COARSEST_LEG_TOL), FINEST_LEG_TOL)
     least = raised(left, 2.0 / (dm.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
     more = work.rows[LEG_ROWS:]
-    z, start, before, mid = more[0], more[1], more[2], more[3]
-    d = DoubleImpact(dm, modes, V, slip_tol, left, least, z, start, before, mid, more[4], more[5])
+    z, start, before, mid, compressing = more[0], more[1], more[2], more[3], more[4]
+    d = DoubleImpact(dm, modes, V, slip_tol, left, least, z, start, before, mid, compressing, more[5])
     begin_double(d, state, tol)
     wanted, blow = work.course[0].tally.wanted, work.course[0].blow
     rows, status, lost = 0, IMPACT_STEPS, False
     for _ in range(MAX_PHASES):
         charge(work.meter, PHASE_COST)
-        let_go(d, 0)
-        let_go(d, 1)
+        for i in range(2):
+            if not is_loaded(d, i):  # an end that is not loaded has no compression left
+                z[ZX1 + i], compressing[i] = 0.0, 1.0
         on_1, on_2 = acts(d, 0), acts(d, 1)
         if not on_1 and not on_2:
             z[ZN1], z[ZN2] = max(0.0, z[ZN1]), max(0.0, z[ZN2])
@@ -278,7 +270,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
             if event == OUT_OF_LEG_STEPS:
                 break
             if wanted:
-                works = works_of_leg(d)
+                works = (rest_work(d, 0), rest_work(d, 1)), (z[ZS1], z[ZS2])
             lost = 4 <= event < 6
             settle_event(d, event)
         else:
@@ -307,10 +299,10 @@ def double_impact(dm, state, V, tol, modes, work, log):
 
 
 @compiled
-def works_of_leg(d):
-    """What restitution takes at both ends over a leg, and what slip does."""
-    rest_1 = rest_work(d.dm, 0, d.before[ZX1], d.compressing, d.e, d.z)
-    return (rest_1, rest_work(d.dm, 1, d.before[ZX2], d.compressing, d.e, d.z)), (d.z[ZS1], d.z[ZS2])
+def rest_work(d, i):
+    """Work of the normal impulse at end i over a leg: what its energy loses, times e^2 in restitution."""
+    lost = stored_energy(d.dm, i, d.before[ZX1 + i]) - stored_energy(d.dm, i, d.z[ZX1 + i])
+    return lost if d.compressing[i] > 0.0 else d.e[i] * d.e[i] * lost
 
 
 @compiled

@@ -62,12 +62,6 @@ def set_bracket(s, h, g_low, g_high, guess, slope):
 
 
 @compiled
-def is_closed(s, h):
-    """Whether the bracket is as small as round-off allows, or has been probed as often as it may."""
-    return s.high - s.low <= 1e-15 * h or s.probes >= MAX_ROOT_PROBES
-
-
-@compiled
 def next_probe(s):
     """Where to probe: by Newton's rule, else at the secant point; in the middle if that is not inside, and in every third
     probe, since the least of several functions may have a bend that regula falsi creeps to.
@@ -128,7 +122,7 @@ def locate(probe, problem, s, h, aim, steep):
     PROBE_FOUND or PROBE_REFUSED. The last probe is at the event. Newton's rule aims at the value `aim`; `steep` is that of
     `note_probe`.
     """
-    while not is_closed(s, h):
+    while s.high - s.low > 1e-15 * h and s.probes < MAX_ROOT_PROBES:  # as round-off allows
         mid = next_probe(s)
         g, event, verdict = probe(problem, mid)
         if verdict != PROBE_LOOK_ON:
