@@ -137,20 +137,21 @@ def friction(dm, modes, f_1, f_2, a, b_1, b_2):
 
 
 @compiled(fuse=True, inline=True)
-def rates_in_clock(dm, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
-    """Rates of the state of a double impact by (7), in a clock, in the order of the state; gains are 1 or 1/e^2.
+def rates_in_clock(dm, modes, gains, clock, z):
+    """Rates of the state z (numbers or an array) of a double impact by (7), in a clock; gains are 1 or 1/e^2.
 
     dtau/dsigma multiplies the forces, which are known before the frictions.
     """
+    X_1, X_2 = z[ZX1], z[ZX2]
     pace = 1.0 if clock == PLAIN_CLOCK else (X_2 if clock == 1 else X_1)
     f_1, f_2 = pace * force_in_clock(dm, clock, 0, X_1), pace * force_in_clock(dm, clock, 1, X_2)
-    A, L_1, L_2 = friction(dm, modes, f_1, f_2, a, b_1, b_2)
+    A, L_1, L_2 = friction(dm, modes, f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     w, f, apart, L, L_apart = dm.pair, f_1 + f_2, f_1 - f_2, L_1 + L_2, L_1 - L_2
     return (
         given(w.n_1, f, apart) + w.na_1 * A,
         given(w.n_2, f, apart) + w.na_2 * A,
-        -(0.5 if has_root(clock, 0) else pace) * gains[0] * n_1,
-        -(0.5 if has_root(clock, 1) else pace) * gains[1] * n_2,
+        -(0.5 if has_root(clock, 0) else pace) * gains[0] * z[ZN1],
+        -(0.5 if has_root(clock, 1) else pace) * gains[1] * z[ZN2],
         given(w.a, f, apart) + w.aa * A,
         given(w.b_1, L, L_apart),
         given(w.b_2, L, L_apart),
@@ -160,9 +161,7 @@ def rates_in_clock(dm, modes, gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2):
 @compiled(inline=True)
 def impact_rates(dm, modes, gains, clock, z, out):
     """Rates of the state z of a double impact in the given clock, into `out`: see `rates_in_clock`."""
-    out[ZN1], out[ZN2], out[ZX1], out[ZX2], out[ZA], out[ZB1], out[ZB2] = rates_in_clock(
-        dm, modes, gains, clock, z[ZN1], z[ZN2], z[ZX1], z[ZX2], z[ZA], z[ZB1], z[ZB2]
-    )
+    out[ZN1], out[ZN2], out[ZX1], out[ZX2], out[ZA], out[ZB1], out[ZB2] = rates_in_clock(dm, modes, gains, clock, z)
 
 
 @compiled
@@ -213,15 +212,15 @@ def impact_jacobian(dm, modes, gains, z, F, J):
 
 
 @compiled
-def rub_rates(dm, modes, clock, X_1, X_2, slips, out):
-    """What slip takes per clock at both ends, with the slips (a, b_1, b_2), into its places in out."""
-    pace = 1.0 if clock == PLAIN_CLOCK else (X_2 if clock == 1 else X_1)
+def rub_rates(dm, modes, clock, z, out):
+    """What slip takes per clock at both ends in the state z (numbers or an array), into its places in out."""
+    pace = 1.0 if clock == PLAIN_CLOCK else (z[ZX2] if clock == 1 else z[ZX1])
     for i in range(2):
         out[ZS1 + i] = 0.0
         if modes[i] == SLIP:
-            X, b = (X_1, slips[1]) if i == 0 else (X_2, slips[2])
-            A, L = slip_force(end(dm, i).mu, pace * force_in_clock(dm, clock, i, X), *direction(slips[0], b))
-            out[ZS1 + i] = A * slips[0] + L * b
+            a, b = z[ZA], z[ZB1 + i]
+            A, L = slip_force(end(dm, i).mu, pace * force_in_clock(dm, clock, i, z[ZX1 + i]), *direction(a, b))
+            out[ZS1 + i] = A * a + L * b
 
 
 @compiled

@@ -8,11 +8,7 @@ from dimersweep.kernel.impact.double_equations import (
     N_RUBBED,
     N_Z,
     ZA,
-    ZB1,
-    ZB2,
     ZS1,
-    ZX1,
-    ZX2,
     impact_jacobian,
     impact_rates,
     rates_in_clock,
@@ -89,10 +85,10 @@ def leg_rows(rows):
 @compiled(inline=True)
 def stage_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
     """Slopes of a stage of an explicit step; the last entry that it controls is not used."""
-    clock = leg.stride.clock
+    z, clock = (n_1, n_2, X_1, X_2, a, b_1, b_2), leg.stride.clock
     if leg.n > WIDTH:
-        rub_rates(leg.dm, leg.modes, clock, X_1, X_2, (a, b_1, b_2), leg.K[i])
-    rates = rates_in_clock(leg.dm, leg.modes, leg.gains, clock, n_1, n_2, X_1, X_2, a, b_1, b_2)
+        rub_rates(leg.dm, leg.modes, clock, z, leg.K[i])
+    rates = rates_in_clock(leg.dm, leg.modes, leg.gains, clock, z)
     return rates[0], rates[1], rates[2], rates[3], rates[4], rates[5], rates[6], 0.0
 
 
@@ -102,7 +98,7 @@ def leg_rates(leg, z, out):
     clock = leg.stride.clock
     impact_rates(leg.dm, leg.modes, leg.gains, clock, z, out)
     if leg.n > WIDTH:
-        rub_rates(leg.dm, leg.modes, clock, z[ZX1], z[ZX2], (z[ZA], z[ZB1], z[ZB2]), out)
+        rub_rates(leg.dm, leg.modes, clock, z, out)
 
 
 @compiled
