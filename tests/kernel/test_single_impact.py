@@ -7,27 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from dimersweep.kernel.model.contact_code import code_of
-from dimersweep.kernel.model.event_row import (
-    E_KIND,
-    E_N1,
-    E_N1_AFTER,
-    E_P1,
-)
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    DIP,
-    IMPACT,
-    N1,
-    N2,
-    N_STATE,
-    OK,
-    SLIP,
-    SPIN,
-    STICK,
-    WB,
-    WP,
-)
+from dimersweep.kernel.model.event_row import E_KIND, E_N1, E_N1_AFTER, E_P1
+from dimersweep.kernel.model.layout import CA, CB, DIP, IMPACT, N1, N2, N_STATE, OK, SLIP, SPIN, STICK, WB, WP
 from tests import oracle
 from tests.checks.impacts import STORED, end_names, rates_apart, works_apart
 from tests.checks.verbs import (

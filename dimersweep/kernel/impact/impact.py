@@ -24,12 +24,7 @@ from dimersweep.kernel.impact.double_equations import (
 from dimersweep.kernel.impact.double_leg import OUT_OF_LEG_STEPS, double_leg
 from dimersweep.kernel.impact.double_step import LEG_ROWS
 from dimersweep.kernel.impact.phase_log import log_phase, log_single
-from dimersweep.kernel.impact.single_impact import (
-    OTHER,
-    EndLaw,
-    begin_blow,
-    single_phase,
-)
+from dimersweep.kernel.impact.single_impact import OTHER, EndLaw, begin_blow, single_phase
 from dimersweep.kernel.model.body import (
     attitude,
     contact_velocity,
@@ -43,21 +38,7 @@ from dimersweep.kernel.model.body import (
 )
 from dimersweep.kernel.model.contact_code import coded, impact_digit
 from dimersweep.kernel.model.friction import holds_axially, slip_force
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    DIP,
-    IMPACT,
-    IMPACT_STEPS,
-    N1,
-    N2,
-    OK,
-    SLIP,
-    SPIN,
-    STICK,
-    WB,
-    WP,
-)
+from dimersweep.kernel.model.layout import CA, CB, DIP, IMPACT, IMPACT_STEPS, N1, N2, OK, SLIP, SPIN, STICK, WB, WP
 from dimersweep.kernel.model.works import note_struck
 from dimersweep.kernel.numerics.elementary import length, raised
 from dimersweep.kernel.numerics.meter import charge

@@ -4,14 +4,7 @@ from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.numerics.elementary import eighth_root, nearly_raised
-from dimersweep.kernel.numerics.tableaux import (
-    DOP_A,
-    DOP_E3,
-    DOP_E5,
-    DOP_SKIPPED,
-    ROS_A,
-    ROS_CC,
-)
+from dimersweep.kernel.numerics.tableaux import DOP_A, DOP_E3, DOP_E5, DOP_SKIPPED, ROS_A, ROS_CC
 
 DOP_STAGES = 12
 ROS_STAGES = 8
