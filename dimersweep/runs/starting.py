@@ -88,12 +88,13 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
     gaps, beta_rate = _gaps(start, dm, rise_at(dm, beta)), start.get("beta_rate", 0.0)
     theta, theta_rate = start.get("theta", 0.0), start.get("theta_rate", 0.0)
     u, v = start.get("x1_rate", 0.0), start.get("y1_rate", 0.0)
+    rise_rate = start["z1_rate"] - float(motion(dm, dm.phi0)[1]) if "z1_rate" in start else 0.0
     sin_t, cos_t, across = sin(theta), cos(theta), theta_rate * cos(beta)
     away = dm.p1.h * cos(beta)  # of ball 1 from the centre of mass, along the heading
     state = State(
         0.0,
         *gaps,
-        *_gap_rates(start, dm, dm.l * cos(beta) * beta_rate),
+        *_both(start, "gap_{}_rate", dm.l * cos(beta) * beta_rate, rise_rate),
         dip=beta - dm.beta_0 if gaps[0] != gaps[1] else 0.0,
         wb=beta_rate,
         wp=across,
@@ -110,16 +111,11 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
 
 def _gaps(start: Mapping[str, float], dm: Dimer, rise: float) -> tuple[float, float]:
     """Gaps of p1 and p2 [m]; p2 is higher by `rise`."""
-    if "gap_1" in start:
-        first = start["gap_1"]
-    elif "gap_2" in start:
-        first = start["gap_2"] - rise
-    elif "z1" in start or "z" in start:
+    lowest = max(0.0, -rise)
+    if "z1" in start or "z" in start:
         centre = start["z1"] if "z1" in start else start["z"] + dm.p1.h * (dm.sin_0 + rise / dm.l)
-        first = centre - dm.p1.r - float(motion(dm, dm.phi0)[0])
-    else:
-        first = max(0.0, -rise)
-    second = start.get("gap_2", first + rise)
+        lowest = centre - dm.p1.r - float(motion(dm, dm.phi0)[0])
+    first, second = _both(start, "gap_{}", rise, lowest)
     if abs(second - first - rise) > GAPS_AGREE * dm.l:
         raise ParameterError(f"start.gap_2 = {second}: must be gap_1 + l sin(beta) = {first + rise}; leave one out")
     for name, gap in (("gap_1", first), ("gap_2", second)):
@@ -128,17 +124,11 @@ def _gaps(start: Mapping[str, float], dm: Dimer, rise: float) -> tuple[float, fl
     return (0.0 if first < CLOSED_GAP else first), (0.0 if second < CLOSED_GAP else second)
 
 
-def _gap_rates(start: Mapping[str, float], dm: Dimer, apart: float) -> tuple[float, float]:
-    """Rates of the gaps [m/s]; that of p2 is greater by `apart`."""
-    if "gap_1_rate" in start:
-        first = start["gap_1_rate"]
-    elif "gap_2_rate" in start:
-        first = start["gap_2_rate"] - apart
-    elif "z1_rate" in start:
-        first = start["z1_rate"] - float(motion(dm, dm.phi0)[1])
-    else:
-        first = 0.0
-    return first, start.get("gap_2_rate", first + apart)
+def _both(start: Mapping[str, float], name: str, apart: float, otherwise: float) -> tuple[float, float]:
+    """What a start says of p1 and p2, of which that of p2 is greater by `apart`; `otherwise` for p1 where it says neither."""
+    one, two = name.format(1), name.format(2)
+    first = start.get(one, start[two] - apart if two in start else otherwise)
+    return first, start.get(two, first + apart)
 
 
 def named(function: Any) -> Signature:
