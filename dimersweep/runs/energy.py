@@ -17,8 +17,7 @@ from dimersweep.kernel.model.event_row import E_CAUSE, E_KIND, E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import CAUSES, N_STATE, PERIOD, PHASE
 from dimersweep.kernel.model.works import WORK_NAMES
 from dimersweep.kernel.record import SEGMENT_MODES
-from dimersweep.runs.forces import energies
-from dimersweep.runs.recorded import RunRecord, times_of
+from dimersweep.runs.recorded import RunRecord, energies, times_of
 from dimersweep.runs.solving import with_works
 from dimersweep.symbols import EVENT_QUANTITIES, WORKS
 
