@@ -35,27 +35,14 @@ AGREE = 0.02  # part in which the coefficients of both widths differ at most; mo
 
 
 class OnBorder(NamedTuple):
-    """A point of a border, and what the next one begins with.
+    """A point of a border, and what the next one begins with."""
 
-    Attributes
-    ----------
-    map : ReturnMap
-        Of the fast part alone.
-    y : ndarray
-        Section point, rows of the eigenvector, what is not known of the multiplier, parameter over its scale.
-    normal : ndarray, shape (n,)
-        The eigenvector's product with it is 1.
-    derivative : ndarray, optional
-        Of the system by y, where it is still of use.
-    residual : float
-        How far the orbit fails to close, in units of the section.
-    """
-
-    map: ReturnMap
+    map: ReturnMap  # of the fast part alone
+    # section point, rows of the eigenvector, what is not known of the multiplier, parameter over its scale
     y: np.ndarray
-    normal: np.ndarray
-    derivative: np.ndarray | None = None
-    residual: float = 0.0
+    normal: np.ndarray  # the eigenvector's product with it is 1, shape (n,)
+    derivative: np.ndarray | None = None  # of the system by y, where it is still of use
+    residual: float = 0.0  # how far the orbit fails to close, in units of the section
 
     @property
     def z(self) -> np.ndarray:

@@ -22,21 +22,11 @@ Mark = Callable[[ReturnMap, Image], float]  # what is zero at a border, beside t
 
 
 class Axis(NamedTuple):
-    """The quantity that changes along a branch.
+    """The quantity that changes along a branch."""
 
-    Attributes
-    ----------
-    name : str
-        Of a parameter, or "spin".
-    scale : float
-        By which its values are divided.
-    spin : float
-        Axial spin along a branch in a parameter [rad/s].
-    """
-
-    name: str
-    scale: float
-    spin: float
+    name: str  # of a parameter, or "spin"
+    scale: float  # by which its values are divided
+    spin: float  # axial spin along a branch in a parameter [rad/s]
 
     def map_at(self, m: ReturnMap, share: float) -> ReturnMap:
         """The map at a value of the parameter over its scale; lost where the parameter does not allow it."""
@@ -52,31 +42,17 @@ class Axis(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A point of a branch; see `continuation.OnCurve`.
-
-    Attributes
-    ----------
-    axis : Axis
-    fixed : Fixed
-    value : float
-        Of the parameter.
-    slope : ndarray, shape (n,)
-        Derivative of `defect` by the parameter over its scale.
-    tangent : ndarray, shape (n + 1,)
-        Of length one, in the sense of the branch; where an end grazes, that in which the gap opens.
-    mark_slope : ndarray, shape (n + 1,), optional
-        Where a mark is zero: its derivative by the section point and the parameter over its scale.
-    grazes : bool
-        Whether an end just misses the plate.
-    """
+    """A point of a branch; see `continuation.OnCurve`."""
 
     axis: Axis
     fixed: Fixed
-    value: float
-    slope: np.ndarray
+    value: float  # of the parameter
+    slope: np.ndarray  # derivative of `defect` by the parameter over its scale, shape (n,)
+    # of length one, in the sense of the branch; where an end grazes, that in which the gap opens, shape (n + 1,)
     tangent: np.ndarray
+    # where a mark is zero: its derivative by the section point and the parameter over its scale, shape (n + 1,)
     mark_slope: np.ndarray | None = None
-    grazes: bool = False
+    grazes: bool = False  # whether an end just misses the plate
 
     @property
     def map(self) -> ReturnMap:

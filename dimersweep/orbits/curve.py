@@ -24,38 +24,18 @@ HALVINGS = 4  # of a step from one point of a curve to the next
 
 
 class Found(NamedTuple):
-    """A point of a curve.
-
-    Attributes
-    ----------
-    orbit : PeriodicOrbit
-    value : float
-        Of the parameter.
-    begin : OnBorder or Point
-        What the next point begins with.
-    sides : Sides, optional
-        Of a change of word: how the words on its two sides differ; none where a branch goes to pieces.
-    loses : bool
-        Whether a stable orbit loses its stability there.
-    by : Kind, optional
-        Of an end of stability: the kind of border that ends it.
-    others : tuple of Found
-        Of a change of word: those that the motion has at other values of the parameter.
-    doubling : float
-        Of a flip: its coefficient, see `doubling`.
-    cost : float
-        Forcing periods of the map that it took.
-    """
+    """A point of a curve."""
 
     orbit: PeriodicOrbit
-    value: float
-    begin: Any
+    value: float  # of the parameter
+    begin: Any  # what the next point begins with
+    # of a change of word: how the words on its two sides differ; none where a branch goes to pieces
     sides: Sides | None = None
-    loses: bool = False
-    by: Kind | None = None
-    others: "tuple[Found, ...]" = ()
-    doubling: float = float("nan")
-    cost: float = 0.0
+    loses: bool = False  # whether a stable orbit loses its stability there
+    by: Kind | None = None  # of an end of stability: the kind of border that ends it
+    others: "tuple[Found, ...]" = ()  # of a change of word: those that the motion has at other values of the parameter
+    doubling: float = float("nan")  # of a flip: its coefficient, see `doubling`
+    cost: float = 0.0  # forcing periods of the map that it took
 
     @property
     def several(self) -> list[float]:
@@ -83,35 +63,17 @@ def crossings(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
 
 @dataclass(eq=False)
 class Curve(ABC):
-    """A border of one kind.
+    """A border of one kind."""
 
-    Attributes
-    ----------
-    alone : bool
-        Whether each point is looked for by itself. Else points are found from their neighbours, the first one on a branch.
-    many : bool
-        Whether a motion may have several such borders, so that points that are followed are confirmed.
-
-    Parameters
-    ----------
-    kind : Kind
-    parameter : str
-        The one that is solved for.
-    given : dict
-        All parameters.
-    spin : float
-        Axial spin [rad/s].
-    rtol : float
-        Accuracy of the map.
-    """
-
+    # whether each point is looked for by itself; else points are found from their neighbours, the first one on a branch
     alone: ClassVar = False
+    # whether a motion may have several such borders, so that points that are followed are confirmed
     many: ClassVar = False
     kind: Any
-    parameter: str
-    given: dict[str, float]
-    spin: float
-    rtol: float
+    parameter: str  # the one that is solved for
+    given: dict[str, float]  # all parameters
+    spin: float  # axial spin [rad/s]
+    rtol: float  # accuracy of the map
     tape: Tape = field(default_factory=Tape)
 
     def __init_subclass__(cls, of: type[Kind]) -> None:

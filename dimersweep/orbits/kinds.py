@@ -36,38 +36,21 @@ class Kind:
 
     `curve` makes the curve of a kind, from the parameter that is solved for, all parameters, the spin and the accuracy of the
     map (`curve.Curve`); the class of the curve enters itself.
-
-    Attributes
-    ----------
-    name : str
-        As `orbits.border` takes it.
-    meaning : str
-        What happens to the orbit there.
-    color, marker : str
-        Of its curves, and of its points on branches, in pictures.
-    ball : callable, optional
-        Gamma of this border for a ball that bounces once a period, from e.
-    senses : tuple of float
-        Of the parameter, in which the border is looked for from an orbit.
-    shares : tuple of float
-        Of the way from the ball's fold to its flip, where those orbits are looked for.
-    doubles : bool
-        Whether the period is doubled there.
-    zero : callable, optional
-        From the sides of a change of word, the function of the orbit that is zero there, if one is known.
     """
 
-    name: str
-    meaning: str
-    color: str
+    name: str  # as `orbits.border` takes it
+    meaning: str  # what happens to the orbit there
+    color: str  # of its curves, and of its points on branches, in pictures
     marker: str
-    ball: Callable[[float], float] | None = None
-    senses: tuple[float, ...] = (1.0, -1.0)
+    ball: Callable[[float], float] | None = None  # Gamma of this border for a ball that bounces once a period, from e
+    senses: tuple[float, ...] = (1.0, -1.0)  # of the parameter, in which the border is looked for from an orbit
+    # of the way from the ball's fold to its flip, where those orbits are looked for
     shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8, 0.2, 0.05)
     curve: ClassVar[Callable[..., Any]]
     rows: ClassVar[int] = 0  # real vectors that make the eigenvector there: 1 or 2; 0 where multipliers say nothing
     of_word: ClassVar[bool] = False  # whether the word changes there
-    doubles: bool = False
+    doubles: bool = False  # whether the period is doubled there
+    # from the sides of a change of word, the function of the orbit that is zero there, if one is known
     zero: Callable[[Sides], Mark | None] | None = None
 
     @property
@@ -171,20 +154,11 @@ class ComplexPair(Bifurcation):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change(Kind):
-    """A border at which the word of the orbit changes.
+    """A border at which the word of the orbit changes."""
 
-    Attributes
-    ----------
-    leads : callable
-        Whether a change from one word to another one is of this kind.
-    begins : str
-        Only symbols that begin so are compared.
-    lines : callable, optional
-        Numbers of a motion of which one changes its sign wherever such a change is, if they are known.
-    """
-
-    leads: Callable[[str, str], bool]
-    begins: str = ""
+    leads: Callable[[str, str], bool]  # whether a change from one word to another one is of this kind
+    begins: str = ""  # only symbols that begin so are compared
+    # numbers of a motion of which one changes its sign wherever such a change is, if they are known
     lines: Callable[[Image], np.ndarray] | None = None
     color: str = "#009e73"
     marker: str = "|"

@@ -21,30 +21,14 @@ WEIGHTS = 8.0  # of the points in a third difference, all together: the rounding
 
 
 class Creep(NamedTuple):
-    """A motion on the slow manifold.
+    """A motion on the slow manifold."""
 
-    Attributes
-    ----------
-    z : ndarray, shape (n,)
-        Point of the section.
-    image : Image
-        Of that point; its spin is the one asked for.
-    turn : float
-        Change of theta from the last impact of the bouncer to that in the image [rad].
-    drift : float
-        Change of the spin in the period that follows [rad/s].
-    turn_drift : float
-        Change of the turn from that period to the one that follows [rad].
-    residual : float
-        In units of the section.
-    """
-
-    z: np.ndarray
-    image: Image
-    turn: float
-    drift: float
-    turn_drift: float
-    residual: float
+    z: np.ndarray  # point of the section, shape (n,)
+    image: Image  # of that point; its spin is the one asked for
+    turn: float  # change of theta from the last impact of the bouncer to that in the image [rad]
+    drift: float  # change of the spin in the period that follows [rad/s]
+    turn_drift: float  # change of the turn from that period to the one that follows [rad]
+    residual: float  # in units of the section
 
 
 def eigenvector(matrix: np.ndarray, value: float) -> np.ndarray:

@@ -15,26 +15,14 @@ NEAR_ENOUGH = 1e3  # residual, over the target, of steps that come no nearer but
 
 
 class Fixed(NamedTuple):
-    """A fixed point of the fast part.
-
-    Attributes
-    ----------
-    map : ReturnMap
-    z : ndarray, shape (n,)
-        Point of the section, the spin there included.
-    image : Image
-    matrix, gradient : ndarray, shapes (n, n), (n,)
-        Derivatives of the map and of the spin after the last impact, in its unit.
-    residual : float
-        In units of the section.
-    """
+    """A fixed point of the fast part."""
 
     map: ReturnMap
-    z: np.ndarray
+    z: np.ndarray  # point of the section, the spin there included, shape (n,)
     image: Image
-    matrix: np.ndarray
-    gradient: np.ndarray
-    residual: float
+    matrix: np.ndarray  # derivative of the map, shape (n, n)
+    gradient: np.ndarray  # of the spin after the last impact, in its unit, shape (n,)
+    residual: float  # in units of the section
 
 
 def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float) -> np.ndarray:
@@ -52,23 +40,12 @@ def system(m: ReturnMap, matrix: np.ndarray, gradient: np.ndarray) -> np.ndarray
 
 
 class Root(NamedTuple):
-    """A zero that Newton's method has found.
+    """A zero that Newton's method has found."""
 
-    Attributes
-    ----------
-    y : ndarray, shape (n,)
-    extra : object
-        What the function returned there beside its value.
-    value : ndarray, shape (n,)
-        Of the function there.
-    derivative : ndarray, shape (n, n), optional
-        The last one that was used; none if no step was needed.
-    """
-
-    y: np.ndarray
-    extra: Any
-    value: np.ndarray
-    derivative: np.ndarray | None
+    y: np.ndarray  # shape (n,)
+    extra: Any  # what the function returned there beside its value
+    value: np.ndarray  # of the function there, shape (n,)
+    derivative: np.ndarray | None  # the last one that was used; none if no step was needed, shape (n, n)
 
 
 def newton(

@@ -131,18 +131,10 @@ def rests(word: str) -> bool:
 
 
 class Sides(NamedTuple):
-    """How the words on the two sides of a change differ: those on this side of it, and those beyond.
+    """How the words on the two sides of a change differ: those on this side of it, and those beyond."""
 
-    Attributes
-    ----------
-    least : dict of str to int
-        How often a symbol, or a pair of symbols, occurs on the side on which it occurs less often.
-    more : dict of str to bool
-        Whether it occurs more often on this side.
-    """
-
-    least: dict[str, int]
-    more: dict[str, bool]
+    least: dict[str, int]  # how often a symbol, or a pair of symbols, occurs on the side on which it occurs less often
+    more: dict[str, bool]  # whether it occurs more often on this side
 
     def here(self, word: str) -> bool:
         """Whether a word is one of this side."""

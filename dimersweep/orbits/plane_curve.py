@@ -29,30 +29,15 @@ WORD_LOCATED = 1e-7  # how well a change of word is known, as a share of a step
 
 
 class Place(NamedTuple):
-    """A point of a border in the plane of two parameters; see `continuation.OnCurve`.
+    """A point of a border in the plane of two parameters; see `continuation.OnCurve`."""
 
-    Attributes
-    ----------
-    curve : Curve
-        Of the first parameter.
-    other : Axis
-        The second one.
-    found : Found
-        With the orbit.
-    near : Found
-        With whose equations, and in whose section, it was found.
-    y : ndarray, shape (n + 1,)
-        All unknowns; the second parameter over its scale is the last one, the first one that before.
-    tangent : ndarray, shape (n + 1,)
-        Of length one.
-    """
-
-    curve: Curve
-    other: Axis
-    found: Found
-    near: Found
+    curve: Curve  # of the first parameter
+    other: Axis  # the second one
+    found: Found  # with the orbit
+    near: Found  # with whose equations, and in whose section, it was found
+    # all unknowns; the second parameter over its scale is the last one, the first one that before, shape (n + 1,)
     y: np.ndarray
-    tangent: np.ndarray
+    tangent: np.ndarray  # of length one, shape (n + 1,)
 
     def judge(self, to: "Place", step: float) -> None:
         """Refuse a step over which the curve turns too far, or to a point whose derivatives are of two maps."""

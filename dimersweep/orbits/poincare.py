@@ -112,36 +112,19 @@ class Tape:
 
 @dataclass(eq=False)
 class ReturnMap:
-    """The map of one dimer on one plate over the periods of a motion.
+    """The map of one dimer on one plate over the periods of a motion."""
 
-    Parameters
-    ----------
-    parameters : dict
-        Of the model, validated.
-    phase : float
-        Phase of the plate at the section [rad].
-    modes : ndarray, shape (2,)
-        Friction modes of the ends there.
-    periods : int
-        Forcing periods of the motion.
-    rtol : float
-        Accuracy [1].
-    tape : Tape
-    spin : float, optional
-        To which the spin is put back at the start of each forcing period [rad/s]: the map of the fast part alone, all of
-        whose fixed points close. Without it the spin creeps.
-    back : float
-        Phase of the plate at which that is done [rad]. Within a period the spin swings by some hundred times its loss, so a
-        border depends in its sixth digit on it; but not on the section.
-    """
-
-    parameters: dict[str, float]
-    phase: float
-    modes: np.ndarray
-    periods: int
-    rtol: float
+    parameters: dict[str, float]  # of the model, validated
+    phase: float  # phase of the plate at the section [rad]
+    modes: np.ndarray  # friction modes of the ends there, shape (2,)
+    periods: int  # forcing periods of the motion
+    rtol: float  # accuracy [1]
     tape: Tape
+    # to which the spin is put back at the start of each forcing period [rad/s]: the map of the fast part alone, all of
+    # whose fixed points close; without it the spin creeps
     spin: float | None = None
+    # phase of the plate at which that is done [rad]: within a period the spin swings by some hundred times its loss, so a
+    # border depends in its sixth digit on it, but not on the section
     back: float = 0.0
 
     def __post_init__(self) -> None:

@@ -32,42 +32,20 @@ CARRIED_TO = 9  # spins at which the orbits of a family are found; between them 
 
 
 class Mirrors(NamedTuple):
-    """Which images of a motion count as the motion.
+    """Which images of a motion count as the motion."""
 
-    Attributes
-    ----------
-    plane : bool
-        That in the vertical plane of its axis.
-    ends : bool
-        That with both ends in each other's place.
-    """
-
-    plane: bool
-    ends: bool
+    plane: bool  # that in the vertical plane of its axis
+    ends: bool  # that with both ends in each other's place
 
 
 class Portrait(NamedTuple):
-    """A periodic motion.
+    """A periodic motion."""
 
-    Attributes
-    ----------
-    periods : int
-        Forcing periods after which it repeats.
-    word : str
-        See `orbits.word`; with mirrors of the ends the one of both words that sorts first.
-    spin : float
-        Mean axial spin at the times of the gaps [rad/s].
-    gaps : ndarray, shape (periods, 8, 2)
-        Gaps of both ends at `VIEWS` of each plate period, in units of g/omega^2.
-    turn : float
-        Turn of the heading in a forcing period, as the way of an end in units of g/omega^2.
-    """
-
-    periods: int
-    word: str
-    spin: float
-    gaps: np.ndarray
-    turn: float
+    periods: int  # forcing periods after which it repeats
+    word: str  # see `passage`; with mirrors of the ends the one of both words that sorts first
+    spin: float  # mean axial spin at the times of the gaps [rad/s]
+    gaps: np.ndarray  # gaps of both ends at `VIEWS` of each plate period, in units of g/omega^2, shape (periods, 8, 2)
+    turn: float  # turn of the heading in a forcing period, as the way of an end in units of g/omega^2
 
     def least_period(self) -> int:
         """The fewest forcing periods after which the place repeats: fewer than `periods` on a branch that has joined one."""

@@ -88,29 +88,14 @@ def graze(near: Point) -> tuple[Point, str]:
 
 
 class Special(NamedTuple):
-    """A special point of a branch.
+    """A special point of a branch."""
 
-    Attributes
-    ----------
-    kind : Kind
-        Of border that the branch crosses there.
-    point : Point
-    share : float
-        Of the step at which it lies.
-    jump : float
-        Of the orbit at a change of word, in units of the section.
-    words : tuple of str
-        On both sides of it.
-    beyond : Point, optional
-        The first orbit beyond it.
-    """
-
-    kind: Kind
+    kind: Kind  # of border that the branch crosses there
     point: Point
-    share: float
-    jump: float = 0.0
-    words: tuple[str, str] = ("", "")
-    beyond: Point | None = None
+    share: float  # of the step at which it lies
+    jump: float = 0.0  # of the orbit at a change of word, in units of the section
+    words: tuple[str, str] = ("", "")  # on both sides of it
+    beyond: Point | None = None  # the first orbit beyond it
 
 
 def specials(a: Point, b: Point, words: bool = True) -> tuple[list[Special], Special | None]:
