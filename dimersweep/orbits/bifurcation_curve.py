@@ -143,16 +143,8 @@ def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
 
     (Kuznetsov, doi 10.1007/978-3-031-22007-4, section 5.4). Where c > 0 a stable orbit of twice the period begins beyond the
     flip, where c < 0 an unstable one ends there. NaN where contacts change so near that the map has no such derivatives; lost
-    if the map cannot be taken beside the point.
-
-    Parameters
-    ----------
-    m : ReturnMap
-        All of whose fixed points close: that of the fast part alone.
-    z : ndarray, shape (n,)
-        Fixed point at the flip.
-    matrix : ndarray, shape (n, n)
-        J.
+    if the map cannot be taken beside the point. Of `m` all fixed points close, as of the map of the fast part alone; `z` is the
+    fixed point at the flip, shape (n,), and `matrix` is J.
     """
     v, w = (eigenvector(J, -1) for J in (matrix, matrix.T))
     v = v / np.linalg.norm(v)

@@ -119,21 +119,9 @@ def _begun(spins: np.ndarray, k: int, given: dict[str, float], rtol: float) -> t
 def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, PeriodicOrbit], str]:
     """The family from an orbit through spins, in their order: over changes of word, and over spins that just have no orbit.
 
-    Parameters
-    ----------
-    first : PeriodicOrbit
-        From `on_family`.
-    spins : ndarray
-    runs : bool
-        Whether to go where runs go: on with another family where the spin of a motion creeps over the end of this one, but not
-        along the branch of fixed points.
-
-    Returns
-    -------
-    found : dict of int to PeriodicOrbit
-        By the number of the spin.
-    why : str
-        Why the family ends before the last spin; "asked for" if it does not.
+    The first one is from `on_family`. With `runs` the walk goes where runs go: on with another family where the spin of a
+    motion creeps over the end of this one, but not along the branch of fixed points. The orbits are told by the number of their
+    spin, and why the family ends before the last spin; "asked for" if it does not.
     """
     found: dict[int, PeriodicOrbit] = {}
     last, k, missed = [first], 0, 0

@@ -77,18 +77,8 @@ def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> 
     """The motion that a run from a stable orbit settles on at other parameters or another spin, in each of its sections.
 
     The fast part settles while the spin is put back once a period, whatever the contacts it comes to. It is lost if the orbit
-    is not stable, or the motion is further off than `most`.
-
-    Parameters
-    ----------
-    at : Fixed
-        The orbit.
-    m : ReturnMap
-        Of the other parameters, in the section of the orbit.
-    spin : float
-        After the last impact of a period [rad/s].
-    most : float
-        How far the motion may be from where the orbit leads, in units of the section.
+    is not stable, or the motion is further from where the orbit leads than `most`, in units of the section. `m` is the map of
+    the other parameters in the section of the orbit, and the spin that after the last impact of a period [rad/s].
     """
     if not (np.abs(multipliers_of(at)[0]) < 1).all():
         raise OrbitLost("the orbit is unstable: no run stays near it")

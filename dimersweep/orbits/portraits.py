@@ -95,20 +95,9 @@ def _ends_changed(passage: Passage) -> Passage:
 def portrait_from(
     parameters: Mapping[str, float], start: np.ndarray, periods: int, rtol: float, tape: Tape, mirrors: Mirrors
 ) -> Portrait:
-    """The portrait of the motion that a run has come to.
+    """The portrait of the motion that a run of `parameters` has come to, and that repeats after so many forcing periods.
 
-    Parameters
-    ----------
-    parameters : mapping
-        Of the run.
-    start : ndarray, shape (N_START,)
-        Where the run has ended, at the start of a forcing period: state and friction modes.
-    periods : int
-        Forcing periods after which the motion repeats.
-    rtol : float
-        Accuracy [1].
-    tape : Tape
-    mirrors : Mirrors
+    `start` is where the run has ended, at the start of a forcing period: state and friction modes, shape (N_START,).
     """
     m = ReturnMap(dict(parameters), parameters["phi0"], start[N_STATE:].copy(), periods, rtol, tape)
     state = start[:N_STATE].copy()
@@ -144,13 +133,8 @@ def shifted(a: Portrait, b: Portrait, mirrors: Mirrors) -> tuple[float, Portrait
 class Carried:
     """The place of an orbit along its slow family, so that motions are compared with it at their own spin.
 
-    Parameters
-    ----------
-    orbit : PeriodicOrbit
-        Where the family is entered.
-    spins : sequence of float
-        Between the least and the greatest of these, as portraits have them, the family is followed as far as it goes.
-    mirrors : Mirrors
+    The family is entered at the orbit, and followed as far as it goes between the least and the greatest of `spins`, as
+    portraits have them.
     """
 
     def __init__(self, orbit: PeriodicOrbit, spins: Sequence[float], mirrors: Mirrors) -> None:

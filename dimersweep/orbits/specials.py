@@ -158,16 +158,7 @@ def on_own_side(at: Point, holds: Callable[[str], bool]) -> Point:
 
 
 class Bracket:
-    """A part of a step: at its start the word satisfies a condition, at its end it does not.
-
-    Parameters
-    ----------
-    holds : callable
-        The condition on a word: that of `left` satisfies it, that of `right` does not.
-    low : float
-        Share of the step at `left`; `right` is its end.
-    left, right : Point
-    """
+    """A part of a step, from its share `low` to its end: at `left` the word satisfies the condition `holds`, at `right` not."""
 
     def __init__(self, holds: Callable[[str], bool], low: float, left: Point, right: Point) -> None:
         self.holds = holds
