@@ -1,4 +1,4 @@
-"""The kernel's verbs, callable from Python: most have no wrapper of their own, to save compile time.
+"""The kernel's verbs, callable from Python, for which most are not compiled in the program, to save time.
 
 With the JIT off these are the plain functions.
 """
@@ -6,7 +6,7 @@ With the JIT off these are the plain functions.
 import numpy as np
 
 from dimersweep.kernel import smooth_motion
-from dimersweep.kernel.compiler.jit import exported
+from dimersweep.kernel.compiler.jit import exported, plain
 from dimersweep.kernel.contact import contact_mode as contact_modes
 from dimersweep.kernel.contact import coordinates, forces, phase
 from dimersweep.kernel.course import motion_of, new_work, new_workspace
@@ -37,9 +37,35 @@ from dimersweep.kernel.verdict import track
 from dimersweep.parameters import Parameters
 
 
-@exported
-def set_pair(dm):
-    body.set_pair(dm)
+def called(verb):
+    """A verb, compiled for Python too."""
+    return exported(plain(verb))
+
+
+set_pair = called(body.set_pair)
+follow_track = called(track.follow_track)
+track_of = called(track.track_of)
+exp = called(elementary.exp)
+expm1 = called(elementary.expm1)
+log1p = called(elementary.log1p)
+atan2 = called(elementary.atan2)
+raised = called(elementary.raised)
+multiplied = called(elementary.multiplied)
+delassus = called(body.delassus)
+take_off = called(free_motion.take_off)
+collide_double = called(impact.double_impact)
+kernel_state = called(coordinates.kernel_state)
+set_slip = called(coordinates.set_slip)
+slip_force = called(friction.slip_force)
+hold_left = called(friction.hold_left)
+hold_left_of_pair = called(friction.hold_left_of_pair)
+outward_slip = called(friction.outward_slip)
+pair_friction = called(double_equations.friction)
+friction_slopes = called(double_equations.friction_slopes)
+hold_reserve = called(forces.hold_reserve)
+effective_gravity = called(plate.effective_gravity)
+plate_rate = called(plate.plate_rate)
+lightest = called(plate.lightest)
 
 
 @exported
@@ -60,53 +86,8 @@ def sincos(x):
 
 
 @exported
-def follow_track(row, time, x, y, heading, no_speed):
-    track.follow_track(row, time, x, y, heading, no_speed)
-
-
-@exported
-def track_of(row, ahead):
-    return track.track_of(row, ahead)
-
-
-@exported
-def exp(x):
-    return elementary.exp(x)
-
-
-@exported
-def expm1(x):
-    return elementary.expm1(x)
-
-
-@exported
-def log1p(x):
-    return elementary.log1p(x)
-
-
-@exported
-def atan2(y, x):
-    return elementary.atan2(y, x)
-
-
-@exported
-def raised(x, y):
-    return elementary.raised(x, y)
-
-
-@exported
-def multiplied(x, n):
-    return elementary.multiplied(x, n)
-
-
-@exported
 def levers(dm, s, sin_b, cos_b):
     return body.levers(end(dm, s), sin_b, cos_b)
-
-
-@exported
-def delassus(dm, p, q):
-    return body.delassus(dm, p, q)
 
 
 @exported
@@ -117,11 +98,6 @@ def contact_velocity(dm, state, s):
 @exported
 def angular_momentum(dm, state):
     return free_motion.angular_momentum(dm, state, *body.attitude(dm, state[DIP]))
-
-
-@exported
-def take_off(dm, state):
-    return free_motion.take_off(dm, state)
 
 
 @exported
@@ -170,23 +146,8 @@ def collide_single(dm, state, s, V, tol, work, log):
 
 
 @exported
-def collide_double(dm, state, V, tol, modes, work, log):
-    return impact.double_impact(dm, state, V, tol, modes, work, log)
-
-
-@exported
 def contact_state(dm, state, s, y):
     coordinates.contact_state(dm, state, number(s), y)
-
-
-@exported
-def kernel_state(dm, modes, y, state):
-    coordinates.kernel_state(dm, modes, y, state)
-
-
-@exported
-def set_slip(dm, modes, y, i, a, b):
-    coordinates.set_slip(dm, modes, y, i, a, b)
 
 
 @exported
@@ -207,36 +168,6 @@ def single_forces(dm, mode, w, u_a, u_b, n, a, b):
 
 
 @exported
-def slip_force(mu, F, c, s):
-    return friction.slip_force(mu, F, c, s)
-
-
-@exported
-def hold_left(hold, F, A, L):
-    return friction.hold_left(hold, F, A, L)
-
-
-@exported
-def hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
-    return friction.hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A)
-
-
-@exported
-def outward_slip(drive_a, drive_b, k_a, k_b):
-    return friction.outward_slip(drive_a, drive_b, k_a, k_b)
-
-
-@exported
-def pair_friction(dm, modes, f_1, f_2, a, b_1, b_2):
-    return double_equations.friction(dm, modes, f_1, f_2, a, b_1, b_2)
-
-
-@exported
-def friction_slopes(dm, modes, z, g_1, g_2, J):
-    double_equations.friction_slopes(dm, modes, z, g_1, g_2, J)
-
-
-@exported
 def straight_leg(law, n, a, b, mode, c, s, work):
     """The first leg of an impact at one end, at constant rates; `work.course[0].blow` tells what came of it."""
     single_impact.begin_blow(work.course[0].blow, n, a, b, 0.0, 0.0)
@@ -247,11 +178,6 @@ def straight_leg(law, n, a, b, mode, c, s, work):
 @exported
 def free_rates(dm, s, y, g_e, sin_b, cos_b):
     return forces.free_rates(dm, end(dm, s), forces.rod_of(y, sin_b, cos_b), forces.Pull(g_e, 0.0, 0.0))
-
-
-@exported
-def hold_reserve(dm, modes, i, F):
-    return forces.hold_reserve(dm, modes, i, F)
 
 
 @exported
@@ -288,24 +214,9 @@ def rests_for_good(dm, modes, **rates):
 
 
 @exported
-def effective_gravity(dm, phase):
-    return plate.effective_gravity(dm, phase)
-
-
-@exported
-def plate_rate(dm, phase):
-    return plate.plate_rate(dm, phase)
-
-
-@exported
 def along_plate(dm, phase, theta):
     """Acceleration along the heading and across it; velocity of the plate along X and Y."""
     return (*plate.acceleration_along(dm, phase, theta), *plate.velocity_along(dm, phase))
-
-
-@exported
-def lightest(dm):
-    return plate.lightest(dm)
 
 
 @exported
