@@ -10,29 +10,7 @@ from hypothesis import strategies as st
 from dimersweep.kernel.contact.coordinates import N_Y, Y
 from dimersweep.kernel.contact.forces import COMPLIANCE, N_F
 from dimersweep.kernel.model.body import dimer_of
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    D2,
-    DIP,
-    FREE,
-    GAMMA,
-    N1,
-    N2,
-    N_STATE,
-    PERIOD,
-    PHASE,
-    ROW,
-    SLIP,
-    SPIN,
-    STICK,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
-)
+from dimersweep.kernel.model.layout import FREE, N_STATE, ROW, SLIP, STICK, State
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.parameters import Parameters
 from tests.checks.examine import (
@@ -54,6 +32,7 @@ from tests.checks.verbs import contact_rates, contact_state
 
 pytestmark = pytest.mark.jit
 PERIODS = 2
+AT = State(*range(N_STATE))  # slots of a state by their names
 SEED = 27  # of the scenes
 SHARES = np.array([0.01, 0.3, 0.7, 0.99])  # of a phase, where it is looked at
 accuracies = pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-11])
@@ -89,7 +68,7 @@ def steady_run_of(scene, state, rtol):
     """Dimer and run of a scene that does not enlarge rounding: balls that rattle are chaotic, some within two periods."""
     _, dm, run = run_of(scene, state, rtol)
     nudged = state.copy()
-    nudged[[CA, CB]] *= 1 + 2**-48
+    nudged[[AT.ca, AT.cb]] *= 1 + 2**-48
     _, _, other = run_of(scene, nudged, rtol)
     assume(is_same(dm, other.state, run.state, 1e-8))
     return dm, run
@@ -106,8 +85,8 @@ def is_same(dm, found, expected, allowed):
 
 def same(dm, found, expected, allowed=1e-6):
     """Two states agree in the scales of the scene, angles up to whole turns."""
-    turned = {THETA, GAMMA}
-    angles = {DIP, PHASE, *turned}
+    turned = {AT.theta, AT.gamma}
+    angles = {AT.dip, AT.phase, *turned}
     for slot in range(N_STATE):
         size = 1.0 if slot in angles else scale_of(dm, slot)
         apart = found[slot] - expected[slot]
@@ -118,10 +97,10 @@ def same(dm, found, expected, allowed=1e-6):
 
 def scale_of(dm, slot):
     """Scale of a length, a speed or a rate of the state."""
-    if slot in (D1, D2, X1, Y1):
+    if slot in (AT.d1, AT.d2, AT.x1, AT.y1):
         return dm.l
     speed = dm.v_scale + (dm.l * dm.g) ** 0.5
-    return speed / dm.p1.r if slot == SPIN else speed / dm.p2.h if slot in (WB, WP) else speed
+    return speed / dm.p1.r if slot == AT.spin else speed / dm.p2.h if slot in (AT.wb, AT.wp) else speed
 
 
 @accuracies
@@ -132,15 +111,13 @@ def test_heading_and_origin_are_of_no_consequence(rtol, drawn, turn, east, north
     scene, state = drawn
     dm, run = steady_run_of(scene, state, rtol)
     moved = state.copy()
-    moved[[THETA, X1, Y1]] = state[THETA] + turn, east, north
+    moved[[AT.theta, AT.x1, AT.y1]] = state[AT.theta] + turn, east, north
     _, _, other = run_of(scene | turned_plate(scene, turn), moved, rtol)
     expected = run.state.copy()
     c, s = np.cos(turn), np.sin(turn)
-    expected[THETA] += turn
-    expected[X1], expected[Y1] = (
-        east + c * run.state[X1] - s * run.state[Y1],
-        north + s * run.state[X1] + c * run.state[Y1],
-    )
+    expected[AT.theta] += turn
+    x, y = run.state[[AT.x1, AT.y1]]
+    expected[[AT.x1, AT.y1]] = east + c * x - s * y, north + s * x + c * y
     same(dm, other.state, expected, 1e-6 if dm.sideways else 1e-9)
     assert dm.sideways or len(other.events) == len(run.events)
 
@@ -152,7 +129,7 @@ def test_mirrored_starts_make_mirrored_runs(rtol, drawn):
     """The plane of Y and the normal is a mirror: lateral velocities and the turning change sign, and so does all along X."""
     scene, state = drawn
     dm, run = steady_run_of(scene, state, rtol)
-    lateral = [CB, WP, SPIN, THETA, X1, GAMMA]
+    lateral = [AT.cb, AT.wp, AT.spin, AT.theta, AT.x1, AT.gamma]
     mirrored = state.copy()
     mirrored[lateral] *= -1
     image = scene | {"azimuth": pi - scene["azimuth"], "phi_x": scene["phi_x"] + pi}
@@ -165,12 +142,12 @@ def test_mirrored_starts_make_mirrored_runs(rtol, drawn):
 def exchanged(dm, state):
     """A motion with the balls' names exchanged: the axis and the heading point the other way."""
     told = state.copy()
-    told[[D1, D2, N1, N2]] = state[[D2, D1, N2, N1]]
-    told[[DIP, WB, CA, CB, SPIN, GAMMA]] *= -1
-    told[THETA] += pi
-    lever = dm.l * np.cos(dm.beta_0 + state[DIP])
-    told[X1] -= lever * np.sin(state[THETA])
-    told[Y1] += lever * np.cos(state[THETA])
+    told[[AT.d1, AT.d2, AT.n1, AT.n2]] = state[[AT.d2, AT.d1, AT.n2, AT.n1]]
+    told[[AT.dip, AT.wb, AT.ca, AT.cb, AT.spin, AT.gamma]] *= -1
+    told[AT.theta] += pi
+    lever = dm.l * np.cos(dm.beta_0 + state[AT.dip])
+    told[AT.x1] -= lever * np.sin(state[AT.theta])
+    told[AT.y1] += lever * np.cos(state[AT.theta])
     return told
 
 
@@ -211,9 +188,9 @@ def test_length_and_gravity_only_set_the_units(rtol, drawn, length, gravity):
 
     def rescaled(state):
         told = state.copy()
-        told[[D1, D2, X1, Y1]] *= length
-        told[[N1, N2, CA, CB]] *= (length * gravity) ** 0.5
-        told[[WB, WP, SPIN]] *= (gravity / length) ** 0.5
+        told[[AT.d1, AT.d2, AT.x1, AT.y1]] *= length
+        told[[AT.n1, AT.n2, AT.ca, AT.cb]] *= (length * gravity) ** 0.5
+        told[[AT.wb, AT.wp, AT.spin]] *= (gravity / length) ** 0.5
         return told
 
     _, scaled_dm, other = run_of(scaled, rescaled(state), rtol)
@@ -241,12 +218,11 @@ def test_sampling_comes_to_what_the_run_recorded(rtol, drawn):
     scene, state = drawn
     row, dm, run = run_of(scene, state, rtol)
     phases = phases_of(row, rtol, run.events, run.segments)
-    ends = states_at(row, phases.segments, (phases.segments[:, PHASE] + phases.span)[:, None], rtol)[:, 0]
-    assert (ends[:, [D1, D2]] >= -1e-13 * dm.p2.h).all()
-    for found, told in zip(
-        ends[~phases.struck & ~phases.closed], phases.after[~phases.struck & ~phases.closed], strict=True
-    ):
-        found[PHASE], found[PERIOD] = told[PHASE], told[PERIOD]
+    ends = states_at(row, phases.segments, (phases.segments[:, AT.phase] + phases.span)[:, None], rtol)[:, 0]
+    assert (ends[:, [AT.d1, AT.d2]] >= -1e-13 * dm.p2.h).all()
+    smooth = ~phases.struck & ~phases.closed
+    for found, told in zip(ends[smooth], phases.after[smooth], strict=True):
+        found[AT.phase], found[AT.period] = told[AT.phase], told[AT.period]
         same(dm, found, told, 100 * max(rtol, 1e-12))
 
 
@@ -270,7 +246,9 @@ def test_without_loss_and_work_energy_lasts(rtol, drawn):
 def momentum(dm, before, after):
     """Impulse on the body (axial, lateral, normal) between two states at one moment, shape (n, 3) [kg m/s]."""
     change = after - before
-    return dm.m * np.column_stack([change[:, CA], change[:, CB], of_centre(dm, change[:, N1], change[:, N2])])
+    return dm.m * np.column_stack(
+        [change[:, AT.ca], change[:, AT.cb], of_centre(dm, change[:, AT.n1], change[:, AT.n2])]
+    )
 
 
 @accuracies
@@ -298,15 +276,15 @@ def test_an_end_is_open_or_pressed(rtol, drawn):
     scene, state = drawn
     row, dm, run = run_of(scene, state, rtol)
     phases = phases_of(row, rtol, run.events, run.segments)
-    states = states_at(row, phases.segments, phases.segments[:, PHASE, None] + phases.span[:, None] * SHARES, rtol)
+    states = states_at(row, phases.segments, phases.segments[:, AT.phase, None] + phases.span[:, None] * SHARES, rtol)
     weight = dm.m * dm.g
     slide, hold = (np.array([scene[f"{name}_1"], scene[f"{name}_2"]]) for name in ("mu", "mu_h"))
-    assert states[..., [D1, D2]].min() >= -1e-13 * dm.p2.h
+    assert states[..., [AT.d1, AT.d2]].min() >= -1e-13 * dm.p2.h
     for segment, at in zip(phases.segments, states, strict=True):
         modes = segment[SEGMENT_MODES:SEGMENT_HOP_TIME]
         closed = modes != FREE
-        assert not at[:, [D1, D2]][:, closed].any()
-        assert not at[:, [N1, N2]][:, closed].any()
+        assert not at[:, [AT.d1, AT.d2]][:, closed].any()
+        assert not at[:, [AT.n1, AT.n2]][:, closed].any()
         for now in at if closed.any() else ():
             F, slip = forces(dm, modes, now)
             assert (F[closed, 0] >= -1e-6 * weight).all()
@@ -327,7 +305,7 @@ def forces(dm, modes, state):
     """Forces on the ends (normal, axial, lateral), shape (2, 3) [N], and their slips along the same axes (2, 2) [m/s]."""
     y, dy, F = np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
     contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
-    contact_rates(dm, modes, state[PHASE] + dm.phi0, y, dy, F)
+    contact_rates(dm, modes, state[AT.phase] + dm.phi0, y, dy, F)
     slip = slips(dm, state[None])[0]
     if (modes == FREE).any():
         slip[np.flatnonzero(modes != FREE)[0]] = y[Y.u_a], y[Y.u_b]
@@ -353,10 +331,8 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
 
     def power(states, which):
         """Per rad of the plate's phase."""
-        return (
-            np.array([[power_of(dm, own, now) for now in at] for own, at in zip(held[which], states, strict=True)])
-            / dm.omega
-        )
+        pairs = zip(held[which], states, strict=True)
+        return np.array([[power_of(dm, own, now) for now in at] for own, at in pairs]) / dm.omega
 
     held, closed = modes[~free], max(1e-10, 3 * rtol)
     work, doubt = integrals(row, phases.segments[~free], phases.span[~free], rtol, power, 1e-3 * closed * unit)
@@ -369,7 +345,7 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
 def power_of(dm, modes, state):
     """Power of effective gravity and friction in the plate's frame [W]; the normal forces have none there."""
     F, slip = forces(dm, modes, state)
-    return dm.m * gravity_power(dm, state) + (F[:, 1:] * slip).sum()
+    return dm.m * gravity_power(dm, State(*state)) + (F[:, 1:] * slip).sum()
 
 
 @accuracies
@@ -384,11 +360,11 @@ def test_an_impact_does_the_work_of_its_impulses(rtol, drawn):
     unit = kinetic(dm, before) + 0.5 * dm.m * dm.v_scale**2
     impulse = momentum(dm, before, after)
     mean_slip = 0.5 * (slips(dm, before) + slips(dm, after))
-    mean_rate = 0.5 * (before + after)[:, [N1, N2]]
-    lander = (np.abs(before[:, D2]) < np.abs(before[:, D1])).astype(int)
+    mean_rate = 0.5 * (before + after)[:, [AT.n1, AT.n2]]
+    lander = (np.abs(before[:, AT.d2]) < np.abs(before[:, AT.d1])).astype(int)
     n = np.arange(len(before))
     work = impulse[:, 2] * mean_rate[n, lander] + (impulse[:, :2] * mean_slip[n, lander]).sum(1)
     gained = kinetic(dm, after) - kinetic(dm, before)
-    alone = np.abs(before[n, D1 + 1 - lander]) > max(1e-9, 0.01 * rtol)  # nearer than that, both are struck
+    alone = np.abs(before[n, AT.d1 + 1 - lander]) > max(1e-9, 0.01 * rtol)  # nearer than that, both are struck
     assert (np.abs(gained - work)[alone] <= max(1e-10, 0.1 * rtol) * unit[alone]).all()
     assert (gained <= 1e-10 * unit).all()

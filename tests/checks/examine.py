@@ -19,15 +19,11 @@ from dimersweep.kernel.model.event_row import EVENT
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     C_IMPACT,
-    CA,
-    CB,
     CODES,
     D1,
     D2,
     DIP,
     FREE,
-    N1,
-    N2,
     N_CODES,
     N_OUT,
     N_STATE,
@@ -35,13 +31,8 @@ from dimersweep.kernel.model.layout import (
     PHASE,
     RECORD_FULL,
     SLIP,
-    SPIN,
     STATUSES,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
+    State,
 )
 from dimersweep.kernel.model.plate import motion, motion_along
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, new_record, no_record, rows_of, was_full
@@ -90,9 +81,9 @@ def of_centre(dm, first, second):
 
 def kinetic(dm, states):
     """Kinetic energy in the plate's frame [J]; states of shape (..., N_STATE)."""
-    s = np.moveaxis(states, -1, 0)
-    moving = dm.m * (s[CA] ** 2 + s[CB] ** 2 + of_centre(dm, s[N1], s[N2]) ** 2)
-    return 0.5 * (moving + dm.J_t * (s[WB] ** 2 + s[WP] ** 2) + dm.J_a * s[SPIN] ** 2)
+    s = State(*np.moveaxis(states, -1, 0))
+    moving = dm.m * (s.ca**2 + s.cb**2 + of_centre(dm, s.n1, s.n2) ** 2)
+    return 0.5 * (moving + dm.J_t * (s.wb**2 + s.wp**2) + dm.J_a * s.spin**2)
 
 
 def total(dm, states):
@@ -108,10 +99,10 @@ def plate_energy(dm):
 
 def over_plate(dm, states):
     """Place and velocity of the centre of mass over the plate, along its axes and its normal; shapes (3, n)."""
-    s = states.T
-    sin_t, cos_t, h = np.sin(s[THETA]), np.cos(s[THETA]), dm.p1.h * np.cos(dm.beta_0 + s[DIP])
-    place = np.array([s[X1] + h * sin_t, s[Y1] - h * cos_t, of_centre(dm, s[D1], s[D2])])
-    rates = s[CB] * cos_t - s[CA] * sin_t, s[CA] * cos_t + s[CB] * sin_t, of_centre(dm, s[N1], s[N2])
+    s = State(*states.T)
+    sin_t, cos_t, h = np.sin(s.theta), np.cos(s.theta), dm.p1.h * np.cos(dm.beta_0 + s.dip)
+    place = np.array([s.x1 + h * sin_t, s.y1 - h * cos_t, of_centre(dm, s.d1, s.d2)])
+    rates = s.cb * cos_t - s.ca * sin_t, s.ca * cos_t + s.cb * sin_t, of_centre(dm, s.n1, s.n2)
     return place, np.array(rates)
 
 
@@ -198,44 +189,36 @@ def contact_gains(dm, row, segments, span, rise, rtol, unit):
     """Gain of energy in contact phases beyond the work of the effective gravity, and the doubt about that work [J]."""
 
     def power(states, which):
-        s = np.moveaxis(states, -1, 0)
-        return dm.m / dm.omega * gravity_power(dm, s)
+        return dm.m / dm.omega * gravity_power(dm, State(*np.moveaxis(states, -1, 0)))
 
     work, doubt = integrals(row, segments, span, rtol, power, DOUBT * unit)
     return rise - work, doubt
 
 
 def gravity_power(dm, s):
-    """Power of the effective gravity along the normal and along the plate, per mass [W/kg]; the state's numbers come first."""
-    phase = s[PHASE] + dm.phi0
+    """Power of the effective gravity along the normal and along the plate, per mass [W/kg]; of columns of states."""
+    phase = s.phase + dm.phi0
     down = dm.g + motion(dm, phase)[2]
     a_x, a_y = dm.fall_x + dm.G_x * np.sin(phase + dm.lag_x), dm.fall_y + dm.G_y * np.sin(phase + dm.lag_y)
-    sin_t, cos_t = np.sin(s[THETA]), np.cos(s[THETA])
-    along = a_x * (s[CB] * cos_t - s[CA] * sin_t) + a_y * (s[CA] * cos_t + s[CB] * sin_t)
-    return along - down * of_centre(dm, s[N1], s[N2])
+    sin_t, cos_t = np.sin(s.theta), np.cos(s.theta)
+    along = a_x * (s.cb * cos_t - s.ca * sin_t) + a_y * (s.ca * cos_t + s.cb * sin_t)
+    return along - down * of_centre(dm, s.n1, s.n2)
 
 
 def slips(dm, states):
     """Axial and lateral slip of p1 and of p2 [m/s], shape (n, 2, 2)."""
-    s = states.T
-    sin_b, cos_b = np.sin(dm.beta_0 + s[DIP]), np.cos(dm.beta_0 + s[DIP])
-    return np.array(
-        [
-            (
-                s[CA] + (p.r - p.h * sin_b) * s[WB],
-                s[CB] + (p.r * sin_b - p.h) * s[WP] - p.r * cos_b * s[SPIN],
-            )
-            for p in (dm.p1, dm.p2)
-        ]
-    ).transpose(2, 0, 1)
+    s = State(*states.T)
+    sin_b, cos_b = np.sin(dm.beta_0 + s.dip), np.cos(dm.beta_0 + s.dip)
+    along = [s.ca + (p.r - p.h * sin_b) * s.wb for p in (dm.p1, dm.p2)]
+    across = [s.cb + (p.r * sin_b - p.h) * s.wp - p.r * cos_b * s.spin for p in (dm.p1, dm.p2)]
+    return np.array([along, across]).transpose(2, 1, 0)
 
 
 def flips(dm, rtol, before, after, was, now):
     """Slips that turn round from one side of an event that is no impact to the other; columns are the ends."""
     old, new = slips(dm, before), slips(dm, after)
-    fast = np.hypot(new[..., 0], new[..., 1]) > 100 * rtol * (
-        dm.v_scale + dm.p2.h * dm.w_scale
-    )  # more than the tolerance
+    tolerance = rtol * (dm.v_scale + dm.p2.h * dm.w_scale)
+    fast = np.hypot(new[..., 0], new[..., 1]) > 100 * tolerance
     return int((((old * new).sum(2) < 0.0) & fast & (was == SLIP) & (now == SLIP)).sum())
 
 

@@ -13,24 +13,7 @@ from dimersweep.kernel.course import motion_of, new_work, new_workspace
 from dimersweep.kernel.flight import free_motion, landing
 from dimersweep.kernel.impact import double_equations, impact, single_impact
 from dimersweep.kernel.model import body, event_row, friction, plate
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    D2,
-    DIP,
-    GAMMA,
-    N1,
-    N2,
-    N_STATE,
-    PHASE,
-    SPIN,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
-)
+from dimersweep.kernel.model.layout import DIP, State
 from dimersweep.kernel.numerics import elementary
 from dimersweep.kernel.numerics import sincos as sines
 from dimersweep.kernel.verdict import track
@@ -205,12 +188,9 @@ def rests_flat(dm, state, modes, space):
     return smooth_motion.rests_for_good(dm, motion_of(state, modes, space.past, space))
 
 
-def rests_for_good(dm, modes, **rates):
-    """Whether a dimer that lies flat, with these rates, rests for good."""
-    space, state = new_workspace(), np.zeros(N_STATE)
-    for name, value in rates.items():
-        state[{"WP": WP, "SPIN": SPIN, "CA": CA, "CB": CB}[name]] = value
-    return rests_flat(dm, state, modes, space)
+def rests_for_good(dm, modes):
+    """Whether a dimer that lies flat rests for good."""
+    return rests_flat(dm, np.array(State()), modes, new_workspace())
 
 
 @exported
@@ -244,33 +224,25 @@ def scratch():
 
 def state_of(dm, q, qdot, phase=0.0):
     """Kernel state from the oracle's coordinates (x1, y1, delta1, theta, dip, gamma) and their rates."""
-    state = np.zeros(N_STATE)
-    theta, beta, h_1 = q[3], dm.beta_0 + q[4], dm.p1.h
-    sin_b, cos_b = np.sin(beta), np.cos(beta)
-    state[PHASE], state[DIP], state[THETA], state[GAMMA] = phase, q[4], theta, q[5]
-    state[X1], state[Y1] = q[0], q[1]
-    state[D1], state[D2] = q[2], q[2] + 2 * dm.l * np.sin(q[4] / 2) * np.cos(dm.beta_0 + q[4] / 2)
-    state[N1], state[N2] = qdot[2], qdot[2] + dm.l * cos_b * qdot[4]
-    state[WB], state[WP], state[SPIN] = qdot[4], qdot[3] * cos_b, qdot[5] + qdot[3] * sin_b
-    state[CA] = qdot[1] * np.cos(theta) - qdot[0] * np.sin(theta) + h_1 * sin_b * qdot[4]
-    state[CB] = qdot[0] * np.cos(theta) + qdot[1] * np.sin(theta) + h_1 * state[WP]
-    return state
+    (x, y, gap, theta, dip, gamma), (x_rate, y_rate, gap_rate, turn, dip_rate, gamma_rate) = q, qdot
+    sin_b, cos_b, sin_t, cos_t = *(f(dm.beta_0 + dip) for f in (np.sin, np.cos)), np.sin(theta), np.cos(theta)
+    state = State(
+        phase=phase, d1=gap, d2=gap + 2 * dm.l * np.sin(dip / 2) * np.cos(dm.beta_0 + dip / 2),
+        n1=gap_rate, n2=gap_rate + dm.l * cos_b * dip_rate,
+        dip=dip, wb=dip_rate, wp=turn * cos_b, spin=gamma_rate + turn * sin_b,
+        ca=y_rate * cos_t - x_rate * sin_t + dm.p1.h * sin_b * dip_rate,
+        cb=x_rate * cos_t + y_rate * sin_t + dm.p1.h * turn * cos_b,
+        theta=theta, x1=x, y1=y, gamma=gamma,
+    )  # fmt: skip
+    return np.array(state, float)
 
 
 def oracle_state(dm, state):
     """The oracle's coordinates and rates, q and qdot, of a kernel state."""
-    theta, beta, h_1 = state[THETA], dm.beta_0 + state[DIP], dm.p1.h
-    sin_b, cos_b = np.sin(beta), np.cos(beta)
-    turn = state[WP] / cos_b
-    v_a, v_b = state[CA] - h_1 * sin_b * state[WB], state[CB] - h_1 * state[WP]
-    q = np.array([state[X1], state[Y1], state[D1], theta, state[DIP], state[GAMMA]])
-    x_rate = v_b * np.cos(theta) - v_a * np.sin(theta)
-    y_rate = v_a * np.cos(theta) + v_b * np.sin(theta)
-    return q, np.array([x_rate, y_rate, state[N1], turn, state[WB], state[SPIN] - turn * sin_b])
-
-
-def kinetic_energy(dm, state):
-    """Kinetic energy in the plate's frame [J]."""
-    c_n = state[N1] - dm.p1.h * np.cos(dm.beta_0 + state[DIP]) * state[WB]
-    moving = dm.m * (state[CA] ** 2 + state[CB] ** 2 + c_n**2)
-    return 0.5 * (moving + dm.J_t * (state[WB] ** 2 + state[WP] ** 2) + dm.J_a * state[SPIN] ** 2)
+    s = State(*state)
+    sin_b, cos_b = np.sin(dm.beta_0 + s.dip), np.cos(dm.beta_0 + s.dip)
+    turn, v_a, v_b = s.wp / cos_b, s.ca - dm.p1.h * sin_b * s.wb, s.cb - dm.p1.h * s.wp
+    x_rate = v_b * np.cos(s.theta) - v_a * np.sin(s.theta)
+    y_rate = v_a * np.cos(s.theta) + v_b * np.sin(s.theta)
+    rates = np.array([x_rate, y_rate, s.n1, turn, s.wb, s.spin - turn * sin_b])
+    return np.array([s.x1, s.y1, s.d1, s.theta, s.dip, s.gamma]), rates

@@ -11,20 +11,7 @@ import numpy as np
 from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import ask_for, run_many, run_recorded
 from dimersweep.kernel.compiler.ways import way
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    CODES,
-    D1,
-    D2,
-    N1,
-    N2,
-    N_STATE,
-    PHASE,
-    SPIN,
-    WB,
-    WP,
-)
+from dimersweep.kernel.model.layout import CODES, N_STATE, PHASE, State
 from dimersweep.kernel.record import new_record, rows_of
 from dimersweep.parameters import Parameters
 
@@ -40,8 +27,8 @@ SCENES = (  # what is not named is the paper's base case
     {"xdot0": 0.0},
     {"beta0": 1.4, "Gamma": 0.3},
 )
-SCALE = np.ones(N_STATE)  # of a state, SI units
-SCALE[[D1, D2]], SCALE[[N1, N2, CA, CB]], SCALE[[WB, WP]], SCALE[SPIN] = 0.01, 0.1, 10.0, 100.0
+SPEEDS = dict.fromkeys(("n1", "n2", "ca", "cb"), 0.1)
+SCALE = State(*[1.0] * N_STATE)._replace(d1=0.01, d2=0.01, **SPEEDS, wb=10.0, wp=10.0, spin=100.0)  # SI units
 
 
 def last_state(row, periods):
