@@ -14,7 +14,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.fits.pictures import draw_fit
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_JUMP, M_NOT_RUN, M_REST, MODES
 from dimersweep.orbits.pictures import draw_borders
-from dimersweep.plots import FIGURES, draw, energy_budget, movie, orbit, replay, run_figure
+from dimersweep.plots import FIGURES, draw, energy_budget, last_cycle, movie, orbit, replay, run_figure
 from dimersweep.plots import playback as playing
 from dimersweep.plots.attractors import attractors
 from tests.checks.cubes import built, cube_of
@@ -287,6 +287,10 @@ def test_the_least_period_is_marked_where_it_is():
         assert {to_hex(line.get_color()) for line in (curve, mark, zeta, down)} == {color}
     assert (left.get_ylabel(), right.get_ylabel()) == (r"$\bar T$ [s]", r"$\zeta$ [rad]")
     assert {left.get_xlabel(), right.get_xlabel()} == {r"$\dot{x}_1(0)$ [m/s]"}
+    cube["period"][1, 8] = np.nan  # at the bottom: not located, and not marked
+    left, right = draw(cube, "minimum").axes
+    assert left.get_legend().get_texts()[-1].get_text() == "$A_r$ = 6: no minimum located"
+    assert len(right.lines) == 4  # two curves, the place of one minimum, pi/2
 
 
 def test_the_ends_of_impacts_lie_at_mu_and_mu_s():
@@ -307,6 +311,9 @@ def test_the_ends_of_impacts_lie_at_mu_and_mu_s():
     assert legend_of(figure) == {words.get(end, end): color for end, color in ENDS.items()} | {
         r"$\mu_s < \mu$: not run": "#d9d9d9"
     }
+    two = cube_of(np.full((2, 2, 2), D), {"A_r": [5, 7], "mu": [0.1, 0.2], "mu_s": [0.3, 0.4]})
+    titles = [axes.get_title() for axes in draw(two, "impact_ends").axes]
+    assert titles == [r"$A_r$ = 5, $\bar\mu$ = 0.239", r"$A_r$ = 7, $\bar\mu$ = 0.171"]
 
 
 def test_velocities_along_the_axis_have_the_colour_of_their_end():
@@ -583,8 +590,6 @@ def test_the_picture_of_a_run_has_its_heights_its_orbit_and_its_portraits(run):
         "theta": (r"$\theta - \theta_0$ [rad]", r"\theta"),
         "gamma": (r"$\gamma - \gamma_0$ [rad]", r"\gamma"),
     }
-    from dimersweep.plots import last_cycle
-
     start, stop = last_cycle(run)
     fine = run.states(np.linspace(start, stop, 4001))
     for axes, (angle, (label, letter)) in zip(portraits, names.items(), strict=True):

@@ -1,17 +1,20 @@
-"""Pictures: intervals and their lengths are right, and every kind of cube gives a figure or a clear refusal."""
+"""Pictures: intervals and their lengths are right; every kind of cube, of searches too, gives a figure or a clear refusal."""
 
 import re
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.contour import QuadContourSet
 from PIL import Image
 
 import dimersweep
-from dimersweep.cubes.reading import edges_of, minimum
+from dimersweep.cubes.cube import names
+from dimersweep.cubes.reading import circle_through, edges_of, minimum, search_summary
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
 from dimersweep.plots import (
+    FIGURES,
     MODE_COLORS,
     check_picture,
     draw,
@@ -25,6 +28,8 @@ from dimersweep.plots import (
     write_picture,
 )
 from dimersweep.plots.style import Drawing, entitle, log_scale
+from dimersweep.studies.refine import refine
+from dimersweep.studies.search import search
 from dimersweep.symbols import given
 from tests.checks import cubes
 
@@ -34,22 +39,6 @@ def cube_of(modes, fixed=None, **axes):
 
 
 D, R = M_DRIFT, M_REST
-
-
-def test_intervals_reach_half_way_to_the_neighbours():
-    cube = cube_of([[R, D, D, R], [D, R, R, D]], f=[15, 20], beta0=[0.1, 0.2, 0.3, 0.5])
-    first, second = drift_intervals(cube)
-    np.testing.assert_allclose(first, [[0.15, 0.4]])
-    np.testing.assert_allclose(second, [[0.05, 0.15], [0.4, 0.6]])
-    lengths = drift_lengths(cube)
-    np.testing.assert_allclose(lengths, [0.25, 0.3])
-    np.testing.assert_array_equal(lengths["f"], [15, 20])
-
-
-def test_intervals_stay_within_zero_and_a_right_angle():
-    whole = cube_of([D, D], beta0=[0.05, 1.5])
-    np.testing.assert_allclose(drift_intervals(whole), [[[0, np.pi / 2]]])
-    assert drift_lengths(cube_of([R, R], beta0=[0.1, 0.2])).item() == 0
 
 
 @pytest.mark.parametrize(
@@ -62,9 +51,12 @@ def test_intervals_stay_within_zero_and_a_right_angle():
         ([-1.5, 1.5], [D, D], [[-np.pi / 2, np.pi / 2]]),
         ([-0.2, 0.0], [R, D], [[-0.1, 0]]),
         ([0.0, 0.2], [D, R], [[0, 0.1]]),
+        ([0.05, 1.5], [D, D], [[0, np.pi / 2]]),
+        ([0.1, 0.2, 0.3, 0.5], [D, R, R, D], [[0.05, 0.15], [0.4, 0.6]]),
+        ([0.1, 0.2], [R, R], np.empty((0, 2))),
     ],
 )
-def test_dips_of_the_other_sign_count_too_and_what_is_mirrored_or_reversed_is_as_long(angles, modes, expected):
+def test_intervals_reach_half_way_on_either_side_and_what_is_mirrored_or_reversed_is_as_long(angles, modes, expected):
     cube = cube_of(modes, beta0=angles)
     (found,) = drift_intervals(cube)
     np.testing.assert_allclose(found, expected, atol=1e-15)
@@ -167,12 +159,24 @@ def test_a_run_names_all_that_is_not_the_base_case_s(tmp_path, monkeypatch):
 
 
 FLAT = cube_of([R, D], f=[15, 20])
+LACKING = {
+    "regions": "needs the regions of a search over two axes",
+    "paths": "the cube has no paths over one axis; declare [paths]",
+    "trends": "has axes f; needs A_r, f",
+    "minimum": "has axes f; needs A_r, xdot0",
+    "impact_ends": "has axes f; needs A_r, mu, mu_s",
+    "shares": "needs the runs of a search over two axes",
+    "walks": "the cube has no paths over one axis; declare [paths]",
+    "planar": "needs paths over one axis; declare [paths]",
+    "bifurcation": "the cube has no strobes; make it with bifurcation(...)",
+    "segments": "has axes f; needs beta0 among them",
+}
 
 
 @pytest.mark.parametrize(
     ("cube", "kind", "more", "told"),
     [
-        (FLAT, "segments", {}, "segments: has axes f; needs beta0 among them"),
+        *((FLAT, kind, {}, f"{kind}: {lack}") for kind, lack in LACKING.items()),
         (cube_of([R], f=[15]), "mode_map", {}, "mode_map: has axes none; needs one of more than one value"),
         *((FLAT.isel(f=[]), kind, {}, f"{kind}: the axis f is empty") for kind in ("mode_map", "segments", "trends")),
         (FLAT, "pie", {}, "kind = 'pie': must be one of segments, mode_map"),
@@ -185,15 +189,11 @@ def test_cubes_that_cannot_be_drawn_are_refused(cube, kind, more, told):
         draw(cube, kind, **more)
 
 
-def test_further_axes_are_panels_over_the_first_ones():
-    deep = cube_of(np.full((3, 2, 4), R), f=[15, 20, 25], e=[0.5, 0.6], beta0=[0.1, 0.2, 0.3, 0.4])
-    panels = [axes for axes in mode_map(deep).axes if axes.axison]
-    assert [axes.get_title() for axes in panels] == ["$f$ = 15 Hz", "$f$ = 20 Hz", "$f$ = 25 Hz"]
-    assert {axes.get_xlabel() for axes in panels} == {r"$\beta(0)$ [°]"}
-    assert panels[0].get_ylabel() == "$e$"
+def test_of_too_many_panels_some_are_drawn():
     many = cube_of(np.full((5, 5, 2, 2), R), f=range(1, 6), g=range(1, 6), e=[0.5, 0.6], beta0=[0.1, 0.2])
-    assert len([axes for axes in mode_map(many).axes if axes.axison]) == 12
-    assert mode_map(many).get_suptitle().startswith("12 of 25 maps")
+    figure = mode_map(many)
+    assert len([axes for axes in figure.axes if axes.axison]) == 12
+    assert figure.get_suptitle().startswith("12 of 25 maps")
 
 
 def test_values_in_a_fixed_ratio_are_drawn_on_logarithmic_axes():
@@ -268,3 +268,70 @@ def test_the_course_of_a_double_impact_leads_to_the_state_after_it(friction):
     start, stop = last_cycle(run)
     assert stop - start == pytest.approx(1 / 15)
     assert stop < time + 1e-12
+
+
+# --- of searches -------------------------------------------------------------------------------------------------------
+BETA0 = {"start": 0.03, "stop": 0.3, "num": 19}
+
+
+def searched(axes, **settings):
+    return search(axes | {"beta0": BETA0}, **({"over": "beta0", "periods": 5, "progress": False} | settings))
+
+
+@pytest.mark.jit
+def test_walks_are_drawn_from_their_starts_with_the_velocity_of_the_centre():
+    """The centre goes uphill in proportion to the tilt; a walk that turns back has a word in place of a velocity."""
+    tilts = [0.0, 1e-3, 2e-3, 8e-3]
+    cube = search(
+        {"tilt": tilts, "beta0": [0.28]}, over="beta0", ask="first", periods=700, orbit_periods=700, progress=False,
+        paths={"periods": 700, "per_period": 1},
+    )  # fmt: skip
+    left, right = FIGURES["walks"](cube).axes
+    for line, x, y in zip(left.lines, cube["x"].values, cube["y"].values, strict=False):
+        np.testing.assert_array_equal(line.get_xydata(), np.column_stack([x, y]))
+    along, across, _ = (line.get_ydata() for line in right.lines)
+    assert along[1:3] == pytest.approx(-11.6e3 * np.array(tilts[1:3]), rel=0.01)
+    assert np.abs(across[:3]).max() < 0.05 * np.abs(along[1:3]).max()
+    assert np.isnan(along[3])
+    assert [(text.get_position()[0], text.get_text().strip()) for text in right.texts] == [(8e-3, "cusps")]
+
+
+@pytest.mark.jit
+def test_walks_of_unlike_balls_have_the_curvature_of_their_paths():
+    cube = search(
+        {"r_2": [4.9e-3, 5.05e-3], "beta0": [0.28]}, fixed={"r_1": 5e-3}, over="beta0", ask="first", periods=700,
+        orbit_periods=700, progress=False, paths={"periods": 700, "per_period": 1},
+    )  # fmt: skip
+    _, right = FIGURES["walks"](cube).axes
+    shown = right.lines[0].get_ydata()
+    radii = [circle_through(x[60:], y[60:])[2] for x, y in zip(cube["x"].values, cube["y"].values, strict=True)]
+    assert np.abs(shown) == pytest.approx(1 / np.array(radii), rel=1e-3)
+    assert shown[0] < 0 < shown[1]
+
+
+def test_shares_are_those_of_the_runs(fake_kernel):
+    cube = searched({"e": [0.5, 0.6], "f": [0.3, 3, 9]}, ask="fraction")
+    (axes,) = FIGURES["shares"](cube).axes
+    for line, row in zip(axes.lines, cube["runs"].values[:, :, 3], strict=True):
+        np.testing.assert_allclose(line.get_ydata(), 100 * row / 19)
+
+
+def test_regions_have_borders_where_they_differ(fake_kernel):
+    grid = {"f": [0.2, 0.3, 1.0, 9.0], "e": [0.5, 0.6], "beta0": BETA0}
+    cube = refine(grid, halvings={"f": 2}, over="beta0", periods=5, progress=False, attrs={"plot": "regions"})
+    (axes,) = draw(cube).axes
+    borders = [each for each in axes.collections if isinstance(each, QuadContourSet) and not each.filled]
+    assert len(borders) == 2  # one of the drift, one of the rest
+    drifts = names(cube["region"]).isel(e=0) == "drift"
+    first = int(np.flatnonzero(drifts.values).min())
+    edge = edges_of(cube["f"].values)[first]  # of the cells that are drawn
+    found = [np.concatenate([path.vertices for path in each.get_paths()]) for each in borders]
+    assert any(np.abs(vertices[:, 0] - edge).max() < 1e-9 for vertices in found)
+
+
+def test_answers_are_told_in_one_line(fake_kernel):
+    told = search_summary(searched({"f": [0.2, 9.0]}))
+    assert told.startswith("any beta0 to drift: no 1, yes 1 at 2 points, in ") and told.endswith(
+        " runs of 38 that there are"
+    )
+    assert search_summary(searched({"f": [0.2, 9.0]}, ask="fraction")).startswith("modes over beta0: yes 2 at 2 points")
