@@ -18,11 +18,11 @@ from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots import run_figure
 from dimersweep.plots.playback import playback_of
 from dimersweep.plots.replay import replay_page
-from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of, label, with_units
 from dimersweep.plots.tables import run_table, title_as_html
 from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.run import Run
-from dimersweep.symbols import is_angle, symbol, units_of, units_shown
+from dimersweep.symbols import PARAMETERS, is_angle, units_shown
 
 SHOWN_PERIODS = 60  # in the picture beside the map, if the run of the cube is shorter
 REPLAYED = 6  # forcing periods
@@ -30,14 +30,8 @@ MOST_CELLS = 250_000  # of one map: more would make the page slow
 
 
 def label_of(name: str) -> str:
-    """An axis and its unit, in plain letters."""
-    if name == "direction":
-        return name
-    return symbol(name) + _in_brackets(units_of(name))
-
-
-def _in_brackets(units: str) -> str:
-    return f" [{units}]" if units else ""
+    """An axis and its unit, in plain letters; empty for no axis."""
+    return label(name, tex=False) if name in PARAMETERS else name
 
 
 def shown_as(name: str, values: np.ndarray) -> np.ndarray:
@@ -52,11 +46,6 @@ def distinct_labels(values: np.ndarray) -> list[str]:
         if len(set(shown)) == len(shown):
             break
     return shown
-
-
-def _shown(run: Run) -> Run:
-    """The run that a picture shows: `run`, made longer if it is short."""
-    return run.go_on(SHOWN_PERIODS - run.n_periods) if run.n_periods < SHOWN_PERIODS else run
 
 
 def axes_of(cube: xr.Dataset) -> list[str]:
@@ -103,9 +92,8 @@ class Board:
         self.x, self.y = axes[-1], axes[-2] if len(axes) > 1 else ""
         self.fixed = {str(name): 0 for name in mode.dims if name not in (self.x, self.y, "point")}
         self.source, self.spot = ColumnDataSource(), ColumnDataSource({"x": [], "y": []})
-        numbers = [
-            str(name) for name, each in cube.data_vars.items() if each.dims == mode.dims and each.dtype.kind == "f"
-        ]
+        columns = {str(name): each for name, each in cube.data_vars.items() if each.dims == mode.dims}
+        numbers = [name for name, each in columns.items() if each.dtype.kind == "f"]
         self.quantity = pn.widgets.Select(label="shown", options=["mode", *numbers], value="mode")
         self.sliders = {name: self._slider(name) for name in self.fixed if mode.sizes[name] > 1}
         options = {label_of(name): name for name in axes}
@@ -185,9 +173,8 @@ class Board:
     def _recolor(self) -> None:
         """Fill the map for the present place of the sliders, and say what its colours are."""
         part, shown = self._part(), self.quantity.value
-        tooltips = (
-            {label_of(self.x): "@x{%.5g}"} | ({label_of(self.y): "@y{%.5g}"} if self.y else {}) | {"mode": "@mode"}
-        )
+        tooltips = {label_of(self.x): "@x{%.5g}"} | ({label_of(self.y): "@y{%.5g}"} if self.y else {})
+        tooltips["mode"] = "@mode"
         columns = {name: values.ravel() for name, values in self._cells().items()}
         columns["mode"] = names(part["mode"]).values.ravel()
         if shown == "mode":
@@ -196,13 +183,11 @@ class Board:
             columns["shown"] = part[shown].values.ravel()
             columns["color"] = self._shades(self.cube[shown].values, columns["shown"])
             units = units_shown(self.cube[shown].attrs.get("units", "1"))
-            self.bar.title = shown.replace("_", " ") + _in_brackets(units)
+            self.bar.title = with_units(shown.replace("_", " "), units)
             tooltips[self.bar.title] = "@shown{%.6g}"
         self.bar.visible, self.key.visible = shown != "mode", shown == "mode"
         self.hover.tooltips = list(tooltips.items())
-        self.map.xaxis.axis_label, self.map.yaxis.axis_label = (
-            label_of(name) if name else "" for name in (self.x, self.y)
-        )
+        self.map.xaxis.axis_label, self.map.yaxis.axis_label = label_of(self.x), label_of(self.y)
         self.source.data = columns
 
     def _shades(self, whole: np.ndarray, values: np.ndarray) -> np.ndarray:
@@ -242,7 +227,8 @@ class Board:
             return None
         self.summary.object, self.picture.object = run_table(run), None
         if run.status == "ok":
-            self.run, self.replay.visible = _shown(run), True
+            short = SHOWN_PERIODS - run.n_periods
+            self.run, self.replay.visible = run.go_on(short) if short > 0 else run, True
             self.picture.object = run_figure(self.run)
         return run
 
@@ -261,9 +247,8 @@ class Board:
         """The colours of the modes that occur, as HTML."""
         present = np.unique(self.cube["mode"].values)
         mark = "display:inline-block;width:0.9em;height:0.9em;border:1px solid #333;margin:0 0.3em 0 0.9em;background:"
-        return "".join(
-            f'<span style="{mark}{MODE_COLORS[MODES[code]]}"></span>{MODE_LABELS[MODES[code]]}' for code in present
-        )
+        words = [MODES[code] for code in present]
+        return "".join(f'<span style="{mark}{MODE_COLORS[word]}"></span>{MODE_LABELS[word]}' for word in words)
 
     def layout(self) -> Any:
         """All of it, for `panel` to serve or a notebook to show."""

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dimersweep.fits.measured import MEASURABLE
-from dimersweep.plots.style import Drawing
+from dimersweep.plots.style import Drawing, with_units
 from dimersweep.symbols import PARAMETERS, symbol, units_shown
 
 DEVIATIONS = (2, 1)
@@ -86,6 +86,5 @@ def _density(axes: Axes, name: str, value: float, variance: float, ends: tuple[f
 
 def _label(name: str) -> str:
     if name == "spin":
-        return f"spin [{units_shown(MEASURABLE['spin'].units)}]"
-    unit = units_shown(PARAMETERS[name].units)
-    return f"{symbol(name, tex=True)} [{unit}]" if unit else symbol(name, tex=True)
+        return with_units(name, units_shown(MEASURABLE[name].units))
+    return with_units(symbol(name, tex=True), units_shown(PARAMETERS[name].units))

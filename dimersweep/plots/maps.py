@@ -27,6 +27,7 @@ from dimersweep.plots.style import (
     mark,
     percent,
     spread,
+    with_units,
 )
 from dimersweep.symbols import QUANTITIES, units_shown
 
@@ -144,8 +145,8 @@ def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str) -> F
 
 def quantity_label(quantity: str) -> str:
     """Name of a quantity and its unit."""
-    units = units_shown(QUANTITIES[quantity].units)
-    return quantity.replace("_", " ").replace("zeta", r"$\zeta$") + (f" [{units}]" if units else "")
+    text = quantity.replace("_", " ").replace("zeta", r"$\zeta$")
+    return with_units(text, units_shown(QUANTITIES[quantity].units))
 
 
 def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:

@@ -71,10 +71,14 @@ def given(name: str, value: float) -> str:
     return WAYS[int(value)] if name == "direction" else symbols.given(name, value, tex=True)
 
 
-def label(name: str) -> str:
+def with_units(text: str, units: str) -> str:
+    """A text and the units behind it, if there are any."""
+    return f"{text} [{units}]" if units else text
+
+
+def label(name: str, *, tex: bool = True) -> str:
     """Axis label of a parameter: its symbol, and the unit that it is shown in."""
-    units = units_of(name)
-    return symbol(name, tex=True) + (f" [{units}]" if units else "")
+    return with_units(symbol(name, tex=tex), units_of(name))
 
 
 class _InDegrees:
