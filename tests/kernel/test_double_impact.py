@@ -10,13 +10,13 @@ from dimersweep.kernel.model.contact_code import digits_of
 from dimersweep.kernel.model.event_row import E_KIND, E_N1_AFTER, E_P1, E_P2
 from dimersweep.kernel.model.layout import CA, CB, FREE, IMPACT, N1, N2, N_STATE, OK, SLIP, SPIN, STICK, WB, WP
 from tests import oracle
+from tests.checks.examine import kinetic
 from tests.checks.impacts import STORED, end_names, rates_apart, works_apart
 from tests.checks.verbs import (
     angular_momentum,
     collide_double,
     contact_velocity,
     dimer,
-    kinetic_energy,
     oracle_state,
     scratch,
     set_pair,
@@ -188,7 +188,7 @@ def test_elastic_impacts_without_friction_keep_the_energy(seed):
     after, _, _ = strike(dm, before)
     V = min(before[N1], before[N2])
     # a few times the tolerance of the integration, 1e-10 a step
-    assert kinetic_energy(dm, after) - kinetic_energy(dm, before) == pytest.approx(0, abs=1e-8 * dm.m * V**2)
+    assert kinetic(dm, after) - kinetic(dm, before) == pytest.approx(0, abs=1e-8 * dm.m * V**2)
 
 
 def test_impulses_of_the_log_make_the_change_of_momentum():
@@ -309,8 +309,8 @@ def test_ten_thousand_random_impacts_never_gain_energy():
         before[WB] = (before[N2] - before[N1]) / (dm.l)
         after, _, log = strike(dm, before)
         unit = dm.m * min(before[N1], before[N2]) ** 2
-        noise = 1e-15 * kinetic_energy(dm, before) / unit
-        gains.append((kinetic_energy(dm, after) - kinetic_energy(dm, before)) / unit - 8 * noise)
+        noise = 1e-15 * kinetic(dm, before) / unit
+        gains.append((kinetic(dm, after) - kinetic(dm, before)) / unit - 8 * noise)
         rates.append(min(after[N1], after[N2]))
         P = log[:, [E_P1, E_P2]].sum()
         cone.append(hypot(*(after[[CA, CB]] - before[[CA, CB]])) * dm.m / P - dm.p1.mu_s)
@@ -327,7 +327,7 @@ def test_impacts_without_restitution_end(A_r, e_1, e_2):
         before = random_flat(dm, np.random.default_rng(k), k)
         after, _, _ = strike(dm, before)
         assert min(after[N1], after[N2]) >= 0
-        assert kinetic_energy(dm, after) < kinetic_energy(dm, before)
+        assert kinetic(dm, after) < kinetic(dm, before)
 
 
 def test_the_vertical_moment_belongs_to_the_lateral_friction():

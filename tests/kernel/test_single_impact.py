@@ -10,13 +10,13 @@ from dimersweep.kernel.model.contact_code import code_of
 from dimersweep.kernel.model.event_row import E_KIND, E_N1, E_N1_AFTER, E_P1
 from dimersweep.kernel.model.layout import CA, CB, DIP, IMPACT, N1, N2, N_STATE, OK, SLIP, SPIN, STICK, WB, WP
 from tests import oracle
+from tests.checks.examine import kinetic
 from tests.checks.impacts import STORED, end_names, rates_apart, works_apart
 from tests.checks.verbs import (
     collide_single,
     contact_velocity,
     dimer,
     end_law,
-    kinetic_energy,
     run_down,
     scratch,
     single_phase,
@@ -317,8 +317,8 @@ def test_ten_thousand_random_impacts_never_gain_energy():
             before[9:11] -= a, b
         after, _, p = strike(dm, before, SIGNS[i])
         unit = dm.m * before[N1 + i] ** 2
-        gain = (kinetic_energy(dm, after) - kinetic_energy(dm, before)) / unit
-        noise = 1e-15 * kinetic_energy(dm, before) / unit
+        gain = (kinetic(dm, after) - kinetic(dm, before)) / unit
+        noise = 1e-15 * kinetic(dm, before) / unit
         worst = max(worst, gain - 8 * noise)
         push = hypot(*(after[9:11] - before[9:11])) * dm.m
         cone = max(cone, push / p - dm.p1.mu_s - 1e-15 * hypot(*before[9:11]) * dm.m / p)
