@@ -72,11 +72,7 @@ def pytest_collection_modifyitems(items):
 
 
 # kinds of tests that need what a machine may lack, by the reasons that they give
-LEFT_OUT = {
-    "browser": r"in a browser",
-    "slow": r"DIMERSWEEP_SLOW",
-    "references": r"reference",
-}
+LEFT_OUT = {"browser": r"in a browser", "slow": r"DIMERSWEEP_SLOW", "references": r"reference"}
 
 
 def pytest_unconfigure(config):

@@ -878,9 +878,7 @@ def test_a_plan_writes_nothing_and_takes_any_grid(call, done, fake_kernel, monke
     assert out.startswith("points: 132\n") and "on 3 threads" in out and "132 random points" in out
     many = "beta0 = { start = 2, stop = 88, num = 20000000, unit = 'deg' }\nxdot0 = { start = 0, stop = 1, num = 50 }"
     edited("xdot0 = 1", "")
-    Path("small.toml").write_text(
-        re.sub("beta0 = .*", many, Path("small.toml").read_text()),
-    )
+    Path("small.toml").write_text(re.sub("beta0 = .*", many, Path("small.toml").read_text()))
     run = []
 
     def counting(rows, *rest, until=0, space=None):

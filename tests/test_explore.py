@@ -223,10 +223,7 @@ def test_markup_in_a_cube_is_shown_as_it_is_written(cube, tmp_path):
 @pytest.mark.slow
 @needs_chromium
 def test_a_click_in_a_browser_changes_the_run(cube, file):
-    with (
-        served(file) as address,
-        chromium_page(offline=False, width=1300, height=900) as (page, errors),
-    ):
+    with served(file) as address, chromium_page(offline=False, width=1300, height=900) as (page, errors):
         page.on("request", lambda request: errors.append(request.url) if "127.0.0.1" not in request.url else None)
         page.goto(address)
         page.get_by_text("Click a point of the map").wait_for(timeout=60_000)

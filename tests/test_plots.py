@@ -112,14 +112,7 @@ def test_mode_map_has_one_color_and_one_legend_entry_for_each_mode():
 
 
 UNLIKE = {"e_1": 0.5, "e_2": 0.7, "Gamma_2": 0.1, "phi_2": 0.3, "g": 9.0, "r": 6e-3, "rho_b": 7000.0, "phi0": 1.0}
-WRITTEN = (
-    "$e_{1}$ = 0.5",
-    "$e_{2}$ = 0.7",
-    r"$\Gamma_2$ = 0.1",
-    r"$\phi_2$ = 17.19°",
-    "$g$ = 9 m/s²",
-    "$r$ = 0.006 m",
-)
+WRITTEN = ("$e_{1}$ = 0.5", "$e_{2}$ = 0.7", r"$\Gamma_2$ = 0.1", r"$\phi_2$ = 17.19°", "$g$ = 9 m/s²", "$r$ = 0.006 m")
 WRITTEN += (r"$\rho_b$ = 7000 kg/m³", r"$\phi_0$ = 57.3°")
 
 

@@ -124,9 +124,7 @@ def plan(
         typer.echo(line)
 
 
-def status(
-    out: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to be, as the sweep was given it.")],
-) -> None:
+def status(out: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to be, as the sweep was given it.")]) -> None:
     """Print how far the sweep for a cube has come, and whether a process is at work on it."""
     from dimersweep.studies.status import status
 

@@ -11,15 +11,7 @@ from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.maps import mode_map, quantity_map
 from dimersweep.plots.modes import regions, segments
 from dimersweep.plots.orbits import impact_ends, least_period, paths, planar, shares, trends
-from dimersweep.plots.runs import (
-    contact_legend,
-    heights,
-    impact_rates,
-    last_cycle,
-    orbit,
-    portrait,
-    run_figure,
-)
+from dimersweep.plots.runs import contact_legend, heights, impact_rates, last_cycle, orbit, portrait, run_figure
 from dimersweep.plots.strobes import bifurcation
 from dimersweep.plots.style import DPI, MODE_COLORS, check_picture, write_picture
 from dimersweep.plots.walks import walks
