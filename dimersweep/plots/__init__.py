@@ -6,15 +6,21 @@ from matplotlib.figure import Figure
 from dimersweep.cubes.reading import drift_intervals, drift_lengths
 from dimersweep.errors import ParameterError
 from dimersweep.plots.attractors import attractors
-from dimersweep.plots.budgets import energy_budget
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.maps import mode_map, quantity_map
-from dimersweep.plots.modes import regions, segments
-from dimersweep.plots.orbits import impact_ends, least_period, paths, planar, shares, trends
-from dimersweep.plots.runs import contact_legend, heights, impact_rates, last_cycle, orbit, portrait, run_figure
-from dimersweep.plots.strobes import bifurcation
+from dimersweep.plots.modes import bifurcation, regions, segments
+from dimersweep.plots.orbits import impact_ends, least_period, paths, planar, shares, trends, walks
+from dimersweep.plots.runs import (
+    contact_legend,
+    energy_budget,
+    heights,
+    impact_rates,
+    last_cycle,
+    orbit,
+    portrait,
+    run_figure,
+)
 from dimersweep.plots.style import DPI, MODE_COLORS, check_picture, write_picture
-from dimersweep.plots.walks import walks
 
 __all__ = [
     "DPI",

@@ -1,18 +1,29 @@
-"""Pictures of where the modes lie: intervals of the dip angle, and regions of a search."""
+"""Pictures of where the modes lie: intervals of the dip angle, regions of a search, and strobes over one axis."""
+
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 import xarray as xr
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import dip_range, drift_intervals, drift_lengths, edges_of
+from dimersweep.cubes.reading import dip_range, drift_intervals, drift_lengths, edges_of, is_geometric
+from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube
 from dimersweep.plots.maps import COLORS
-from dimersweep.plots.style import ROW_COLORS, face, framed, given, mark
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, ROW_COLORS, face, framed, given, mark
 from dimersweep.symbols import symbol
+
+STROBES = {  # rows of the picture: what they are, and the factor to the unit that is shown
+    "gap_1": ("gap of $p_1$ [mm]", 1e3),
+    "gap_2": ("gap of $p_2$ [mm]", 1e3),
+    "theta_rate": (r"$\dot\theta$ [rad/s]", 1.0),
+}
 
 
 def segments(cube: xr.Dataset) -> Figure:
@@ -117,3 +128,60 @@ def regions(cube: xr.Dataset) -> Figure:
     mark(axes.xaxis, x_name)
     mark(axes.yaxis, y_name)
     return figure
+
+
+def bifurcation(cube: xr.Dataset) -> Figure:
+    """The states at the starts of forcing periods over one axis: a point for each period, in the colour of the mode.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        With strobes over one axis of more than one value, see `dimersweep.bifurcation`. Where the state was carried up and
+        down that axis, each way has its panels.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> from dimersweep import bifurcation, plots
+    >>> cube = bifurcation({"Gamma": [0.9, 1.2, 1.5]}, periods=60, strobes=8, progress=False)
+    >>> plots.bifurcation(cube).savefig("diagram.png")
+    """
+    judge_cube("bifurcation", cube)
+    mode = cube["mode"].squeeze()
+    axes = [str(dim) for dim in mode.dims if dim != "direction"]
+    if len(axes) != 1:
+        present = ", ".join(map(str, mode.dims))
+        raise ParameterError(f"bifurcation: has axes {present}; needs one: select values of others")
+    (name,) = axes
+    ways = [cube.isel(direction=k) for k in range(cube.sizes["direction"])] if "direction" in mode.dims else [cube]
+    size, shared = (2.6 + 3.8 * len(ways), 7.0), {"sharex": True, "sharey": "row", "squeeze": False}
+    heading = "At the start of each forcing period\n"
+    figure, rows = framed(cube, size, heading, nrows=len(STROBES), ncols=len(ways), **shared)
+    for panels, way in zip(rows.T, ways, strict=True):
+        _strobes(panels, way, name)
+        mark(panels[-1].xaxis, name)
+        if "direction" in mode.dims:
+            panels[0].set_title(given("direction", way["direction"].item()), fontsize=10)
+    for panel, (label, _) in zip(rows[:, 0], STROBES.values(), strict=True):
+        panel.set_ylabel(label)
+    look: dict[str, Any] = {"marker": "o", "linestyle": ""}
+    found = [MODES[code] for code in np.unique(mode.values)]
+    handles = [Line2D([], [], color=MODE_COLORS[word], label=MODE_LABELS[word], **look) for word in found]
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
+    return figure
+
+
+def _strobes(panels: Iterable[Axes], cube: xr.Dataset, name: str) -> None:
+    """Draw the strobes over the axis `name`, a quantity in each panel."""
+    mode = cube["mode"].squeeze()
+    for axes, (quantity, (_, factor)) in zip(panels, STROBES.items(), strict=True):
+        values = factor * cube[f"strobe_{quantity}"].squeeze().transpose(name, "strobe").values
+        for code in np.unique(mode.values):
+            here = mode.values == code
+            places = np.repeat(mode[name].values[here], values.shape[1])
+            axes.plot(places, values[here].ravel(), ".", color=COLORS[code], markersize=4, markeredgewidth=0)
+        if is_geometric(mode[name].values):
+            axes.set_xscale("log")
