@@ -11,12 +11,10 @@ from typing import Annotated, Any
 
 import typer
 
-from dimersweep.cli.bordering import borders
-from dimersweep.cli.drawing import plot
-from dimersweep.cli.exploring import explore
+from dimersweep.cli.drawing import explore, plot
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.simulating import simulate
-from dimersweep.cli.sweeping import plan, presets, run, status
+from dimersweep.cli.sweeping import borders, plan, presets, run, status
 from dimersweep.errors import ParameterError, UserError, unknown
 
 INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped

@@ -1,4 +1,4 @@
-"""The command for the picture of a cube, and what every command prints of its cube."""
+"""The commands for the picture of a cube and for a map to click, and what every command prints of its cube."""
 
 import warnings
 from collections import Counter
@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import Force
+from dimersweep.cli.options import Force, whole_option
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
 
 MARK = "dimersweep cube, configuration sha256 "  # in a picture, before that of the cube it was drawn from
+LAST_PORT = 65535
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,6 +50,21 @@ def plot(
             opened = _selected(opened, each)
         print_cube(opened)
         draw_beside(opened, picture, kind, quantity)
+
+
+def explore(
+    cube: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to look at.")],
+    *,
+    port: Annotated[int, whole_option("Port of the page; 0 for any that is free.")] = 0,
+    show: Annotated[bool, typer.Option(help="Open a browser.")] = True,
+) -> None:
+    """Look at a cube in a browser: a map to click, and the run behind each point."""
+    if not 0 <= port <= LAST_PORT:
+        raise ParameterError(f"port = {port}: must be 0 to {LAST_PORT}")
+    from dimersweep.exploring.serving import serve
+    from dimersweep.storage.cubefiles import open_cube
+
+    serve(open_cube(cube), port=port, show=show)
 
 
 def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
