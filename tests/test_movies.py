@@ -106,7 +106,8 @@ def test_a_movie_that_cannot_be_is_refused(run, tmp_path, how, message):
 def test_a_movie_needs_a_known_ending_and_its_program(run, tmp_path, monkeypatch):
     with pytest.raises(ParameterError, match=r"a movie must end in .gif, .mp4 or .html$"):
         run.animate(tmp_path / "run.avi")
-    monkeypatch.setattr(movie, "_ffmpeg", lambda: None)
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(StoreError, match=r"a video needs ffmpeg; pip install 'dimersweep\[movie\]'"):
         run.animate(tmp_path / "run.mp4")
     monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)

@@ -70,12 +70,7 @@ def near(rng, n):
         "beta0": pick(rng, n, rng.uniform(0, 1.5, n), 0.0),
         "xdot0": pick(rng, n, rng.uniform(0, 3, n), 0.0),
         "phi0": pick(rng, n, rng.uniform(0, 2 * pi, n), 0.0),
-        "r": np.full(n, BASE["r"]),
-        "rho_b": np.full(n, BASE["rho_b"]),
-        "rho_r": np.full(n, BASE["rho_r"]),
-        "D_r": np.full(n, BASE["D_r"]),
-        "g": np.full(n, BASE["g"]),
-    }
+    } | {name: np.full(n, BASE[name]) for name in ("r", "rho_b", "rho_r", "D_r", "g")}
 
 
 def wild(rng, n):
