@@ -10,7 +10,6 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from dimersweep.cubes.cube import names
 from dimersweep.cubes.reading import edges_of, is_geometric, over_axes
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
@@ -55,14 +54,7 @@ def mode_map(cube: xr.Dataset) -> Figure:
     >>> plots.mode_map(cube).savefig("modes.png")
     """
     judge_cube("mode_map", cube)
-    if "point" in cube["mode"].dims:
-        return point_map(cube)
-    mode = _directions_first(cube["mode"].squeeze())
-    figure, panels = _panels(cube, mode)
-    for axes, part in panels:
-        _mesh(axes, part, COLORS[np.atleast_2d(part.values)])
-    figure.legend(handles=mode_handles(mode), loc="outside right center", fontsize=9)
-    return figure
+    return _map(cube, "mode")
 
 
 def mode_handles(mode: xr.DataArray) -> list[Patch]:
@@ -100,32 +92,41 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
     >>> plots.quantity_map(cube, "zeta").savefig("zeta.png")
     """
     over_axes(cube, quantity)
-    if quantity == "mode":
-        return mode_map(cube)
     judge_cube("mode_map", cube)
+    return _map(cube, quantity)
+
+
+def _map(cube: xr.Dataset, quantity: str) -> Figure:
+    """A map of modes in their colours, or of a quantity, of a cube that has one."""
     if "point" in cube["mode"].dims:
         return point_map(cube, quantity)
-    values = _directions_first(cube[quantity].squeeze())
-    if values.dims[:-1] == ("direction",):
+    values = cube[quantity].squeeze()
+    if "direction" in values.dims:  # each has its panels
+        values = values.transpose("direction", ...)
+    if quantity != "mode" and values.dims[:-1] == ("direction",):
         return _curves_each_way(cube, values, quantity)
     figure, panels = _panels(cube, values)
-    words = names(cube[quantity]).squeeze() if "flag_meanings" in cube[quantity].attrs else None
     finite = values.values[np.isfinite(values.values)]
-    how: dict[str, Any] = {"vmin": finite.min(), "vmax": finite.max()} if finite.size else {}
+    how: dict[str, Any] = {"cmap": "viridis"} | ({"vmin": finite.min(), "vmax": finite.max()} if finite.size else {})
     for axes, part in panels:
-        if part.ndim == 1:
+        if quantity == "mode":
+            drawn = _mesh(axes, part, COLORS[np.atleast_2d(part.values)])
+        elif part.ndim > 1:
+            drawn = _mesh(axes, part, part.values, **how)
+        else:
             axes.plot(part[part.dims[0]], part, "o-", markersize=3, linewidth=1, color=MODE_COLORS["drift"])
             axes.set_ylabel(quantity_label(quantity))
-        else:
-            mesh = _mesh(axes, part, part.values, cmap="viridis", **how)
-    if values.ndim > 1:
-        figure.colorbar(mesh, ax=figure.axes, label=quantity_label(quantity) + (" (code)" if words is not None else ""))
+    if quantity == "mode" or values.ndim > 1:
+        _explain(figure, values, drawn, " (code)" if "flag_meanings" in cube[quantity].attrs else "")
     return figure
 
 
-def _directions_first(values: xr.DataArray) -> xr.DataArray:
-    """The values with the direction in which the state was carried as their first axis, so that each has its panels."""
-    return values.transpose("direction", ...) if "direction" in values.dims else values
+def _explain(figure: Figure, values: xr.DataArray, drawn: Any, more: str = "") -> None:
+    """Say what the colours are, beside a figure: a legend of modes, or a bar of a quantity."""
+    if values.name == "mode":
+        figure.legend(handles=mode_handles(values), loc="outside right center", fontsize=9)
+    else:
+        figure.colorbar(drawn, ax=figure.axes, label=quantity_label(str(values.name)) + more)
 
 
 def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str) -> Figure:
@@ -149,7 +150,7 @@ def quantity_label(quantity: str) -> str:
     return with_units(text, units_shown(QUANTITIES[quantity].units))
 
 
-def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
+def point_map(cube: xr.Dataset, quantity: str) -> Figure:
     """Points that are no grid: each pair of parameters that vary, one over the other, coloured by mode or a quantity."""
     differing = fixed_of(cube)[1]
     varied = [str(name) for name in cube.coords if name in differing]
@@ -161,17 +162,15 @@ def point_map(cube: xr.Dataset, quantity: str | None = None) -> Figure:
     rows = ceil(len(pairs) / columns)
     size = 1.6 + 3.4 * columns, 0.8 + 3.0 * rows
     figure, panels = framed(cube, size, nrows=rows, ncols=columns, squeeze=False)
-    colors = COLORS[cube["mode"].values] if quantity is None else cube[quantity].values
+    values = cube[quantity]
+    how = {"c": COLORS[values.values]} if quantity == "mode" else {"c": values.values, "cmap": "viridis"}
     for axes, (x, y) in zip(panels.flat, pairs, strict=False):
-        dots = axes.scatter(cube[x], cube[y], s=9, c=colors)
+        dots = axes.scatter(cube[x], cube[y], s=9, **how)
         mark(axes.xaxis, x)
         mark(axes.yaxis, y)
     for axes in panels.flat[len(pairs) :]:
         axes.set_axis_off()
-    if quantity is None:
-        figure.legend(handles=mode_handles(cube["mode"]), loc="outside right center", fontsize=9)
-    else:
-        figure.colorbar(dots, ax=list(panels.flat), label=quantity_label(quantity))
+    _explain(figure, values, dots)
     return figure
 
 
