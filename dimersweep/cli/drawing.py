@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import Force, whole_option
+from dimersweep.cli.options import Force, argument, option, whole_option
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
 
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 
 def plot(
-    cube: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to draw.")],
+    cube: Annotated[Path, argument("CUBE", "Cube to draw.")],
     *,
-    out: Annotated[Path | None, typer.Option(help="Picture; the cube's name with .png by default.")] = None,
-    kind: Annotated[str | None, typer.Option(help="Kind of picture, in place of the declared one.")] = None,
-    quantity: Annotated[str | None, typer.Option(help="Draw a map of this variable, such as radius.")] = None,
+    out: Annotated[Path | None, option("Picture; the cube's name with .png by default.")] = None,
+    kind: Annotated[str | None, option("Kind of picture, in place of the declared one.")] = None,
+    quantity: Annotated[str | None, option("Draw a map of this variable, such as radius.")] = None,
     select: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=VALUE", help="Keep the nearest value of an axis, such as f=15 or beta0=16deg."),
+        option("Keep the nearest value of an axis, such as f=15 or beta0=16deg.", metavar="NAME=VALUE"),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -53,10 +53,10 @@ def plot(
 
 
 def explore(
-    cube: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to look at.")],
+    cube: Annotated[Path, argument("CUBE", "Cube to look at.")],
     *,
     port: Annotated[int, whole_option("Port of the page; 0 for any that is free.")] = 0,
-    show: Annotated[bool, typer.Option(help="Open a browser.")] = True,
+    show: Annotated[bool, option("Open a browser.")] = True,
 ) -> None:
     """Look at a cube in a browser: a map to click, and the run behind each point."""
     if not 0 <= port <= LAST_PORT:

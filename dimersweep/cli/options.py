@@ -26,17 +26,27 @@ def _whole(text: str | int) -> int:
         raise typer.BadParameter(f"{text!r} is not a whole number") from None
 
 
+def argument(name: str, meaning: str) -> Any:
+    """What a command is given by its place."""
+    return typer.Argument(metavar=name, help=meaning)
+
+
+def option(meaning: str, *names: str, **how: Any) -> Any:
+    """An option, by default of the name of its parameter."""
+    return typer.Option(*names, help=meaning, **how)
+
+
 def number_option(meaning: str) -> Any:
     """An option that takes a number."""
-    return typer.Option(help=meaning, parser=_number, metavar="NUMBER")
+    return option(meaning, parser=_number, metavar="NUMBER")
 
 
 def whole_option(meaning: str) -> Any:
     """An option that takes a whole number."""
-    return typer.Option(help=meaning, parser=_whole, metavar="COUNT")
+    return option(meaning, parser=_whole, metavar="COUNT")
 
 
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist.")]
+Force = Annotated[bool, option("Replace files that exist.", "--force")]
 Workers = Annotated[int | None, whole_option("Threads; one for each core by default.")]
 Periods = Annotated[int | None, whole_option("Forcing periods, in place of the declared ones.")]
 Rtol = Annotated[float | None, number_option("Accuracy, in place of the declared one.")]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import Force, in_lines, number_option, whole_option, with_parameters
+from dimersweep.cli.options import Force, in_lines, number_option, option, whole_option, with_parameters
 from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
 from dimersweep.runs.outcome import Absent
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
@@ -23,12 +23,12 @@ def simulate(
     *,
     periods: Annotated[int, whole_option("Forcing periods to run.")] = 100,
     rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
-    plot: Annotated[Path | None, typer.Option(help="Picture of heights, orbit and phase portraits.")] = None,
-    movie: Annotated[Path | None, typer.Option(help="Movie of the last periods: .gif, .mp4 or .html (in 3D).")] = None,
-    save: Annotated[Path | None, typer.Option(help="File to keep the run in (NetCDF), for load_run.")] = None,
-    error: Annotated[bool, typer.Option("--error", help="Print bounds on the errors too, from two more runs.")] = False,
+    plot: Annotated[Path | None, option("Picture of heights, orbit and phase portraits.")] = None,
+    movie: Annotated[Path | None, option("Movie of the last periods: .gif, .mp4 or .html (in 3D).")] = None,
+    save: Annotated[Path | None, option("File to keep the run in (NetCDF), for load_run.")] = None,
+    error: Annotated[bool, option("Print bounds on the errors too, from two more runs.", "--error")] = False,
     max_seconds: Annotated[float | None, number_option("Bound on the time of the run (s); none by default.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON in place of the table.")] = False,
+    json: Annotated[bool, option("Print JSON in place of the table.", "--json")] = False,
     force: Force = False,
     **parameters: Any,
 ) -> None:

@@ -7,7 +7,7 @@ import typer
 
 from dimersweep.cli.drawing import check_picture_of, draw_if_it_can, judge_picture, print_cube
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import Force, Periods, Rtol, Workers
+from dimersweep.cli.options import Force, Periods, Rtol, Workers, argument, option
 
 if TYPE_CHECKING:
     from dimersweep.studies.declaration import Declaration
@@ -16,38 +16,32 @@ PRESET = "Declaration of the sweep: a file, or a preset such as fig07."
 
 Carry = Annotated[
     str | None,
-    typer.Option(
-        metavar="up|down|both", help="Carry the state on along the last axis, from value to value: for hysteresis."
-    ),
+    option("Carry the state on along the last axis, from value to value: for hysteresis.", metavar="up|down|both"),
 ]
-Declared = Annotated[Path | None, typer.Argument(metavar="SWEEP.toml", help=PRESET)]
+Declared = Annotated[Path | None, argument("SWEEP.toml", PRESET)]
 
 
 def run(
     declaration: Declared = None,
     *,
-    out: Annotated[Path | None, typer.Option(help="Cube to write, in place of the declared output.")] = None,
+    out: Annotated[Path | None, option("Cube to write, in place of the declared output.")] = None,
     source: Annotated[
-        Path | None, typer.Option("--from", metavar="CUBE", help="Make this cube again, from the configuration in it.")
+        Path | None, option("Make this cube again, from the configuration in it.", "--from", metavar="CUBE")
     ] = None,
     workers: Workers = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Scheduler of a dask cluster, such as tcp://host:8786.")
+        str | None, option("Scheduler of a dask cluster, such as tcp://host:8786.", metavar="ADDRESS")
     ] = None,
     periods: Periods = None,
     rtol: Rtol = None,
-    extend: Annotated[Path | None, typer.Option(metavar="CUBE", help="Take over the points this cube has.")] = None,
-    retry: Annotated[bool, typer.Option("--retry", help="Run points that failed again.")] = False,
-    fail_fast: Annotated[bool, typer.Option("--fail-fast", help="Stop at the first point that fails.")] = False,
-    keep_tiles: Annotated[bool, typer.Option("--keep-tiles", help="Keep the store of finished points.")] = False,
-    other_kernel: Annotated[
-        bool, typer.Option("--other-kernel", help="With --from: go on though numbers may differ.")
-    ] = False,
-    certify: Annotated[
-        bool, typer.Option("--certify", help="Say how sure each mode is; about 2.5 times the time.")
-    ] = False,
+    extend: Annotated[Path | None, option("Take over the points this cube has.", metavar="CUBE")] = None,
+    retry: Annotated[bool, option("Run points that failed again.", "--retry")] = False,
+    fail_fast: Annotated[bool, option("Stop at the first point that fails.", "--fail-fast")] = False,
+    keep_tiles: Annotated[bool, option("Keep the store of finished points.", "--keep-tiles")] = False,
+    other_kernel: Annotated[bool, option("With --from: go on though numbers may differ.", "--other-kernel")] = False,
+    certify: Annotated[bool, option("Say how sure each mode is; about 2.5 times the time.", "--certify")] = False,
     carry: Carry = None,
-    plot: Annotated[bool, typer.Option(help="Draw the cube beside its file.")] = True,
+    plot: Annotated[bool, option("Draw the cube beside its file.")] = True,
     force: Force = False,
 ) -> None:
     """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
@@ -104,7 +98,7 @@ def _declared(
 
 
 def plan(
-    declaration: Annotated[Path, typer.Argument(metavar="SWEEP.toml", help=PRESET)],
+    declaration: Annotated[Path, argument("SWEEP.toml", PRESET)],
     *,
     workers: Workers = None,
     periods: Periods = None,
@@ -124,7 +118,7 @@ def plan(
         typer.echo(line)
 
 
-def status(out: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to be, as the sweep was given it.")]) -> None:
+def status(out: Annotated[Path, argument("CUBE", "Cube to be, as the sweep was given it.")]) -> None:
     """Print how far the sweep for a cube has come, and whether a process is at work on it."""
     from dimersweep.studies.status import status
 
@@ -133,9 +127,7 @@ def status(out: Annotated[Path, typer.Argument(metavar="CUBE", help="Cube to be,
 
 
 def presets(
-    name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="Preset whose file is printed, to be changed.")
-    ] = None,
+    name: Annotated[str | None, argument("NAME", "Preset whose file is printed, to be changed.")] = None,
 ) -> None:
     """List the sweeps that come with the program, or print one of them."""
     import tomllib
@@ -154,14 +146,12 @@ def presets(
 
 
 def borders(
-    declaration: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Borders to make, such as sweeps/borders/atlas.toml.")
-    ],
+    declaration: Annotated[Path, argument("FILE", "Borders to make, such as sweeps/borders/atlas.toml.")],
     *,
-    out: Annotated[Path | None, typer.Option(help="NetCDF file, in place of the declared one.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="Picture; the output's name with .png by default.")] = None,
-    over: Annotated[Path | None, typer.Option(metavar="CUBE", help="Map of regions to draw curves over.")] = None,
-    plan: Annotated[bool, typer.Option("--plan", help="Print the parts and which are there; make nothing.")] = False,
+    out: Annotated[Path | None, option("NetCDF file, in place of the declared one.")] = None,
+    picture: Annotated[Path | None, option("Picture; the output's name with .png by default.")] = None,
+    over: Annotated[Path | None, option("Map of regions to draw curves over.", metavar="CUBE")] = None,
+    plan: Annotated[bool, option("Print the parts and which are there; make nothing.", "--plan")] = False,
     force: Force = False,
 ) -> None:
     """Make borders, branches or families of orbits, and draw them. One that was stopped goes on where it was."""
