@@ -50,11 +50,12 @@ def done(call):
 
 @pytest.fixture
 def refused(call):
-    """Run a command that is refused in a line, or in so many; what is said."""
+    """Run a command that is refused in a line, or in so many, and prints nothing before; what is said."""
 
-    def run(*arguments, lines=1):
+    def run(*arguments, lines=1, silent=True):
         out, err, code = call(*arguments)
-        assert (out, code, err.count("\n")) == ("", 2, lines), err
+        assert (code, err.count("\n")) == (2, lines), err
+        assert not (silent and out)
         assert err.startswith("dimersweep: error: ")
         return err.removeprefix("dimersweep: error: ").removesuffix("\n")
 
@@ -646,7 +647,7 @@ def test_plot_takes_a_kind_a_quantity_and_a_selection(done, refused, fake_kernel
     assert "e is no axis of the cube (f, A_r, beta0)" in refused("plot", "fig07-small.nc", "--select", "e=1", "--force")
     assert "beta0 = 16: must lie on the axis" in refused("plot", "fig07-small.nc", "--select", "beta0=16", "--force")
     assert (
-        refused("plot", "fig07-small.nc", "--kind", "trends", "--force")
+        refused("plot", "fig07-small.nc", "--kind", "trends", "--force", silent=False)
         == "trends: has axes A_r, beta0, f; needs A_r, f"
     )
 
