@@ -10,7 +10,6 @@ from matplotlib.ticker import MaxNLocator
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.parameters import dimer_from
 from dimersweep.plots.style import Drawing, entitle
-from dimersweep.symbols import WORKS
 
 _GREEK = {"beta": r"\beta", "theta": r"\theta", "gamma": r"\gamma"}
 ANGLES = {  # labels of the angles in phase portraits
@@ -308,29 +307,25 @@ def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
     budget, f = run.energy("event"), run.parameters["f"]
     count = min(periods, run.n_periods)
     late = budget.isel(part=np.flatnonzero(budget["time"].values >= (run.n_periods - count) / f * (1 - 1e-12)))
-    names = [name for name in WORKS if name in TERMS]
-    kinds = list(dict.fromkeys(late["kind"].values.tolist()))
-    sums = np.array([[late[name].values[late["kind"].values == kind].sum() for name in names] for kind in kinds])
-    sums *= 1e6 / count
-    greatest = np.abs(sums).max(initial=0.0)
+    works = late[list(TERMS)].to_dataframe()[list(TERMS)].groupby(late["kind"].values, sort=False).sum() * (1e6 / count)
+    greatest = works.abs().to_numpy().max(initial=0.0)
     axes.set_xlabel("work on the dimer, per forcing period [µJ]")
     if not greatest:
         axes.set_yticks([])
         axes.set_title("no work is done", fontsize=9)
         return
-    shown = np.abs(sums).max(1) > SMALLEST * greatest
-    sums, kinds = sums[shown], [kind for kind, keep in zip(kinds, shown, strict=True) if keep]
-    sums, kinds = np.vstack([sums, sums.sum(0)]), [*kinds, "all"]
-    used = np.flatnonzero(np.abs(sums).max(0) > 0)
+    works = works[works.abs().max(axis=1) > SMALLEST * greatest]
+    works.loc["all"] = works.sum()
+    used, rows = [term for term in TERMS if works[term].any()], np.arange(len(works))
     height = 0.8 / len(used)
     for k, term in enumerate(used):
-        label, color = TERMS[names[term]]
-        axes.barh(np.arange(len(kinds)) + (k + 0.5) * height - 0.4, sums[:, term], height, color=color, label=label)
+        label, color = TERMS[term]
+        axes.barh(rows + (k + 0.5) * height - 0.4, works[term], height, color=color, label=label)
     axes.set_xscale("symlog", linthresh=SMALLEST * 10 ** np.ceil(np.log10(greatest)))
     axes.axvline(0.0, color="black", lw=0.8)
-    axes.set_yticks(np.arange(len(kinds)), kinds)
-    axes.set_ylim(len(kinds) - 0.5, -0.5)
-    for row in np.arange(len(kinds) - 1):
+    axes.set_yticks(rows, works.index)
+    axes.set_ylim(len(works) - 0.5, -0.5)
+    for row in rows[:-1]:
         axes.axhline(row + 0.5, color="0.85", lw=0.6)
     ticks = 10.0 ** (np.ceil(np.log10(greatest)) + np.arange(-5, 1, 2))
     axes.set_xticks(np.concatenate([-ticks[::-1], [0.0], ticks]))
