@@ -64,15 +64,10 @@ def segments(cube: xr.Dataset) -> Figure:
 
 def _dip_axis(axes: Axes, low: float, high: float) -> None:
     """The dip angle, up to a right angle on one side or on both, in radians below, in degrees above."""
-    axes.set_xlim(low, high)
-    sides = (sign for sign, end in ((-1, low), (1, high)) if end)
-    eighths = {0.0: "0"} | {
-        sign * k * np.pi / 8: ("-" if sign < 0 else "") + words
-        for sign in sides
-        for k, words in enumerate(("π/8", "π/4", "3π/8", "π/2"), start=1)
-    }
-    axes.set_xticks(list(eighths), list(eighths.values()))
-    axes.set_xlabel(f"{symbol('beta0', tex=True)} [rad]")
+    words = ("0", "π/8", "π/4", "3π/8", "π/2")
+    eighths = range(round(8 * low / np.pi), round(8 * high / np.pi) + 1)
+    axes.set_xticks([k * np.pi / 8 for k in eighths], ["-" * (k < 0) + words[abs(k)] for k in eighths])
+    axes.set(xlim=(low, high), xlabel=f"{symbol('beta0', tex=True)} [rad]")
     degrees = axes.secondary_xaxis("top", functions=(np.rad2deg, np.deg2rad))
     degrees.set_xticks(range(round(np.rad2deg(low)), round(np.rad2deg(high)) + 1, 15))
     degrees.set_xlabel("degrees")

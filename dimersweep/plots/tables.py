@@ -39,13 +39,11 @@ def cube_table(cube: xr.Dataset) -> str:
     mode = cube["mode"]
     rows = []
     for name, n in mode.sizes.items():
-        values = cube[name].values if name in PARAMETERS else None
-        span = (
-            ""
-            if values is None
-            else f" from {value_shown(str(name), values[0])} to {value_shown(str(name), values[-1])}"
-        )
-        rows.append((f"axis {symbol(str(name)) if name in PARAMETERS else name}", f"{n} values{span}"))
+        axis, span = str(name), ""
+        if name in PARAMETERS:
+            first, last = (value_shown(axis, cube[name].values[k]) for k in (0, -1))
+            axis, span = symbol(axis), f" from {first} to {last}"
+        rows.append((f"axis {axis}", f"{n} values{span}"))
     rows.append(("fixed", conditions(*fixed_of(cube), PARAMETERS)))
     words, counts = np.unique(names(mode).values, return_counts=True)
     for k in np.argsort(-counts, kind="stable"):
