@@ -26,19 +26,10 @@ NO_FLOW = 100 * np.finfo(float).eps  # share of the energy below which nothing i
 BETWEEN = "motion"  # cause of a row that is no impact
 
 
-def check_by(by: str) -> None:
-    """Refuse a budget by what there is none.
-
-    Raises
-    ------
-    ParameterError
-    """
-    if by not in get_args(By):
-        raise ParameterError(f"by = {by!r}: must be one of {', '.join(get_args(By))}")
-
-
 def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
     """The energy budget of a run, which is made once more for its works; see `Run.energy`."""
+    if by not in get_args(By):
+        raise ParameterError(f"by = {by!r}: must be one of {', '.join(get_args(By))}")
     (record, book), parameters = with_works(record, space), record.parameters
     dm, segments, events = dimer_of(record.row), record.segments, record.events
     n, f, phi0 = len(segments), parameters["f"], parameters["phi0"]

@@ -306,13 +306,11 @@ class Run(RunNumbers):
         >>> print(f"{1e6 * budget.plate_2:.1f} uJ from the plate at p2, {1e6 * budget.restitution_2:.1f} uJ to restitution")
         233.4 uJ from the plate at p2, -230.5 uJ to restitution
         """
-        from dimersweep.runs.energy import check_by, energy_of
+        from dimersweep.runs.energy import energy_of
 
-        check_by(by)
         record = self.record("energy")
         if len(record.segments) < 2:
             raise ParameterError(f"energy: there is none, the run ended before its first smooth phase ({self.message})")
-
         return stoppable(partial(energy_of, record, by))
 
     def section(self, at: "At" = "period", *, phase: float | str | None = None) -> xr.Dataset:

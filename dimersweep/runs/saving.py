@@ -97,23 +97,15 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
             warnings.warn(
                 f"{line}; states between its events may differ in the last digits", RuntimeWarning, stacklevel=3
             )
-        _check_rows(rows)
+        for name, values in rows.items():  # whose shapes the kernel trusts: it would read beyond
+            shape = tuple(want or found for want, found in zip(SHAPES[name], values.shape, strict=True))
+            if values.dtype != np.float64 or values.shape != shape:
+                raise ValueError(
+                    f"{name} has shape {values.shape} and type {values.dtype} in place of {shape} and float64"
+                )
         return _fields(configuration, rows)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise changed("run", Path(path), one_line(error)) from error
-
-
-def _check_rows(rows: Mapping[str, np.ndarray]) -> None:
-    """Refuse rows that the kernel, which trusts their shapes, would read beyond.
-
-    Raises
-    ------
-    ValueError
-    """
-    for name, values in rows.items():
-        shape = tuple(want or found for want, found in zip(SHAPES[name], values.shape, strict=True))
-        if values.dtype != np.float64 or values.shape != shape:
-            raise ValueError(f"{name} has shape {values.shape} and type {values.dtype} in place of {shape} and float64")
 
 
 def _fields(configuration: dict[str, Any], rows: dict[str, np.ndarray]) -> dict[str, Any]:

@@ -16,7 +16,11 @@ SECTIONS: tuple[str, ...] = get_args(At)
 
 def section_of(run: SeenRun, at: At, phase: float | str | None) -> xr.Dataset:
     """The states of a run at the moments of a section; see `Run.section`."""
-    at_phase = check_section(at, phase)
+    if at not in SECTIONS:
+        raise ParameterError(f"at = {at!r}: must be one of {', '.join(SECTIONS)}")
+    if phase is not None and at != "period":
+        raise ParameterError(f"phase = {phase}: a section is at a phase, or at = {at!r}")
+    at_phase = None if phase is None else number("phase", phase, "rad")
     run.record("section")
     f, before = run.parameters["f"], {}
     if at != "period":
@@ -35,21 +39,6 @@ def section_of(run: SeenRun, at: At, phase: float | str | None) -> xr.Dataset:
     points = run.states(times).swap_dims(time="n").assign(before)
     name = "number of the point" if at != "period" else "forcing periods since the start"
     return points.assign_coords(n=("n", np.arange(points.sizes["n"]), {"units": "1", "long_name": name}))
-
-
-def check_section(at: str, phase: float | str | None) -> float | None:
-    """The phase of a section as a float, None if there is none.
-
-    Raises
-    ------
-    ParameterError
-        If `at` is no place of a section, the phase no number, or both are given.
-    """
-    if at not in SECTIONS:
-        raise ParameterError(f"at = {at!r}: must be one of {', '.join(SECTIONS)}")
-    if phase is not None and at != "period":
-        raise ParameterError(f"phase = {phase}: a section is at a phase, or at = {at!r}")
-    return None if phase is None else number("phase", phase, "rad")
 
 
 def impacts_at(events: xr.Dataset, at: str) -> np.ndarray:
