@@ -6,10 +6,10 @@ from scipy.interpolate import CubicSpline
 
 from dimersweep import simulate, sweep
 from dimersweep.cubes.cube import names
+from dimersweep.kernel.compiler.records import record_type
 from dimersweep.kernel.model.layout import TRACKS
-from dimersweep.kernel.verdict.past import PAST_COLUMNS
 from dimersweep.kernel.verdict.settling import SETTLED_PERIODS
-from dimersweep.kernel.verdict.track import T_KIND, T_U_X, T_U_Y
+from dimersweep.kernel.verdict.track import Point, Track
 from tests.checks.verbs import follow_track, track_of
 
 pytestmark = pytest.mark.jit
@@ -18,11 +18,11 @@ TILT = 1e-3
 
 
 def followed(z, heading):
-    """The row of a track of complex places [m], a STEP apart."""
-    row = np.zeros(PAST_COLUMNS)
+    """The record of a track of complex places [m], a STEP apart."""
+    track = np.zeros(1, record_type(Track))[0]
     for k, (place, angle) in enumerate(zip(z, heading, strict=True)):
-        follow_track(row, STEP * k, place.real, place.imag, angle, 1e-3)
-    return row
+        follow_track(track, Point(STEP * k, place.real, place.imag, angle), 1e-3)
+    return track
 
 
 def cycloid(centre_velocity, pace, turns=3.0, radius=4.0, start=0.7, lag=1.6):
@@ -35,8 +35,8 @@ def cycloid(centre_velocity, pace, turns=3.0, radius=4.0, start=0.7, lag=1.6):
 @pytest.mark.parametrize("pace", [0.17, -0.17, 2.9, -11.0])  # the last turns by 0.73 rad a step
 @pytest.mark.parametrize("centre_velocity", [0.0, 0.01 - 0.02j, 1.3 + 4j])
 def test_the_velocity_of_the_centre_of_a_cycloid_is_exact(pace, centre_velocity):
-    row = followed(*cycloid(centre_velocity, pace))
-    assert complex(row[T_U_X], row[T_U_Y]) == pytest.approx(centre_velocity, abs=1e-12)
+    track = followed(*cycloid(centre_velocity, pace))
+    assert complex(track.u_x, track.u_y) == pytest.approx(centre_velocity, abs=1e-12)
 
 
 def word(z, heading):
@@ -68,25 +68,25 @@ def libration(most, cusped):
     ("most", "cusped", "wanted"), [(1.0, True, "cusps"), (1.0, False, "reversals"), (0.04, False, "straight")]
 )
 def test_a_heading_that_turns_back(most, cusped, wanted):
-    row = followed(*libration(most, cusped))
+    track = followed(*libration(most, cusped))
     assert word(*libration(most, cusped)) == wanted
-    assert np.isnan([row[T_U_X], row[T_U_Y]]).all()
+    assert np.isnan([track.u_x, track.u_y]).all()
 
 
 def test_a_turn_that_is_not_whole_has_no_velocity():
     z, heading = cycloid(0.1, 0.17, turns=0.97)
-    row = followed(z, heading)
-    assert row[T_KIND] == 0
-    assert np.isnan(row[T_U_X])
+    track = followed(z, heading)
+    assert track.kind == 0
+    assert np.isnan(track.u_x)
     assert word(z, heading) == "arc"
 
 
 def test_a_turn_after_a_reversal_counts_again():
     back, swung = libration(1.0, True)
     z, heading = cycloid(0.01, -0.17)
-    row = followed(np.r_[back, z - z[0] + back[-1]], np.r_[swung, heading - heading[0] + swung[-1]])
-    assert TRACKS[int(row[T_KIND])] == "loops"
-    assert row[T_U_X] == pytest.approx(0.01, abs=1e-12)
+    track = followed(np.r_[back, z - z[0] + back[-1]], np.r_[swung, heading - heading[0] + swung[-1]])
+    assert TRACKS[int(track.kind)] == "loops"
+    assert track.u_x == pytest.approx(0.01, abs=1e-12)
 
 
 @pytest.fixture(scope="module")

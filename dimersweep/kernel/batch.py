@@ -1,10 +1,9 @@
 """Many runs one after the other, each to its verdict; what Python calls."""
 
-from math import nan
-
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled, exported
+from dimersweep.kernel.compiler.records import record_type
 from dimersweep.kernel.course import Ask, Workspace, motion_of, new_workspace
 from dimersweep.kernel.event_loop import evolve, start_state
 from dimersweep.kernel.mean_path import note_path
@@ -13,14 +12,6 @@ from dimersweep.kernel.model.layout import (
     BOTH_DOWN,
     CA,
     CB,
-    CODE_DI_END,
-    CODE_MODE,
-    CODE_MODE_PERIOD,
-    CODE_N_EVENTS,
-    CODE_N_PERIODS,
-    CODE_STATUS,
-    CODE_TRACK,
-    DI_NONE,
     FREE,
     M_APERIODIC,
     M_DRIFT,
@@ -28,19 +19,21 @@ from dimersweep.kernel.model.layout import (
     M_UNRESOLVED,
     N_STATE,
     OK,
-    OUT_SPEED,
     PERIOD,
     PHASE,
     STOPPED,
-    TR_NONE,
+    V_SPEED,
+    Codes,
+    Outcome,
 )
 from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import EVENT_COUNT, clear_counts, no_record, without_rows
-from dimersweep.kernel.verdict.classify import verdict
-from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS, begin_past
-from dimersweep.kernel.verdict.settling import last_strobe
+from dimersweep.kernel.verdict.classify import clear_outcome, verdict
+from dimersweep.kernel.verdict.past import begin_past
+from dimersweep.kernel.verdict.settling import change
 
+CODES_TYPE, OUTCOME_TYPE = record_type(Codes), record_type(Outcome)
 N_START = N_STATE + 2  # numbers that a run starts from: the state, and the friction modes of the ends
 # evidence of aperiodic motion: a twin of the run (its plate phase shifted) separates from it by so much, in g/omega and
 # g/omega^2. Both are followed over stretches of so many periods, one stretch for so many periods of the run, at least one.
@@ -80,25 +73,25 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
     """
     run = motion_of(space.state, space.modes, space.past, space)
     later = motion_of(space.later_state, space.later_modes, space.later_past, space)
-    twin = motion_of(space.twin_state, space.twin_modes, space.later_past, space)
-    dm = space.dimer
+    dm, kept = space.dimer, without_rows(record)
     for k in range(rows.shape[0]):
+        outcome, code = out[k].view(OUTCOME_TYPE)[0], codes[k].view(CODES_TYPE)[0]
         set_dimer(rows[k], dm)
         begin_run(dm, rows[k], starts, k, run)
-        run_to_verdict(dm, asked_on(dm, ask), run, record, out[k], codes[k])
-        if codes[k, CODE_MODE] == M_UNRESOLVED and ask.periods >= EVIDENCE:
-            status, apart = follow_with_twin(dm, ask, run, later, twin, without_rows(record), space.strobe)
+        run_to_verdict(dm, asked_on(dm, ask), run, record, outcome, code)
+        status = OK
+        if code.mode == M_UNRESOLVED and ask.periods >= EVIDENCE:
+            twin = motion_of(space.twin_state, space.twin_modes, space.later_past, space)
+            status, apart = follow_with_twin(dm, ask, run, later, twin, kept)
             if apart:
-                codes[k, CODE_MODE] = M_APERIODIC
-            elif status == STOPPED:
-                note_failure(status, out[k], codes[k])
-        elif codes[k, CODE_MODE] == M_DRIFT:
-            status = note_path(dm, rows[k], ask, run, later, space, without_rows(record), out[k])
-            if status == STOPPED:
-                note_failure(status, out[k], codes[k])
-        if codes[k, CODE_STATUS] == STOPPED:
+                code.mode = M_APERIODIC
+        elif code.mode == M_DRIFT:
+            status = note_path(dm, rows[k], ask, run, later, space, kept, outcome)
+        if status == STOPPED:
+            note_failure(status, outcome, code)
+        if code.status == STOPPED:
             return k
-        if until >> codes[k, CODE_MODE] & 1:
+        if until >> code.mode & 1:
             return k + 1
     return rows.shape[0]
 
@@ -119,7 +112,7 @@ def begin_run(dm, row, starts, k, run):
         copy(starts[k], run.state, N_STATE)
         run.modes[0], run.modes[1] = starts[k, N_STATE], starts[k, N_STATE + 1]
     if run.state[PERIOD] == 0.0:
-        begin_past(run.past)
+        begin_past(run.past[0])
 
 
 @compiled
@@ -127,12 +120,10 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     """A run from its start to its verdict; fills its outcome."""
     clear_counts(record.counts)
     status, at_rest = evolve(dm, ask, run, record)
-    mode, p, end, track = verdict(dm, run.state, run.past, at_rest, ask.periods - int(run.state[PERIOD]), out)
-    codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, mode, p, end
-    codes[CODE_TRACK] = track
-    codes[CODE_N_EVENTS], codes[CODE_N_PERIODS] = record.counts[EVENT_COUNT], int(run.state[PERIOD])
-    if mode in BOTH_DOWN:
-        out[OUT_SPEED] = length(run.state[CA], run.state[CB])
+    codes.status, codes.n_events, codes.n_periods = status, record.counts[EVENT_COUNT], int(run.state[PERIOD])
+    verdict(dm, run.state, run.past[0], at_rest, ask.periods - codes.n_periods, codes, out)
+    if codes.mode in BOTH_DOWN:
+        out.orbit[V_SPEED] = length(run.state[CA], run.state[CB])
     if status != OK:
         note_failure(status, out, codes)
 
@@ -140,41 +131,36 @@ def run_to_verdict(dm, ask, run, record, out, codes):
 @compiled
 def note_failure(status, out, codes):
     """The outcome of a run that could not go on."""
-    codes[CODE_STATUS], codes[CODE_MODE], codes[CODE_MODE_PERIOD], codes[CODE_DI_END] = status, M_FAILED, 0, DI_NONE
-    codes[CODE_TRACK] = TR_NONE
-    for j in range(out.shape[0]):
-        out[j] = nan
+    clear_outcome(codes, out)
+    codes.status, codes.mode = status, M_FAILED
 
 
 @compiled
-def follow_with_twin(dm, ask, run, later, twin, record, strobe):
+def follow_with_twin(dm, ask, run, later, twin, record):
     """Follow a run that has not settled on as `later`, and a `twin` that starts beside it, in stretches until they are apart.
 
-    The run itself stays as it ended. The two share their past: only the last strobe in it is looked at, which `strobe`
-    keeps from the one to the other.
+    The run itself stays as it ended. The two share their past, of which only the last strobe is looked at.
 
     Returns
     -------
     status, apart : int, bool
         OK or why the two could not go on; whether they came apart.
     """
-    for row in range(PAST_ROWS):
-        copy(run.past[row], later.past[row], PAST_COLUMNS)
-    copy(run.state, later.state, N_STATE)
-    copy(run.modes, later.modes, 2)
-    copy(run.state, twin.state, N_STATE)
-    copy(run.modes, twin.modes, 2)
+    begin_past(later.past[0])
+    later.past[0].fastest = run.past[0].fastest
+    for which in range(2):
+        motion = later if which == 0 else twin
+        copy(run.state, motion.state, N_STATE)
+        copy(run.modes, motion.modes, 2)
     twin.state[PHASE] = TWIN_SHIFT
     begun = int(run.state[PERIOD])
     for stretch in range(max(1, ask.periods // STRETCH_FOR)):
         further = Ask(begun + STRETCH * (stretch + 1), ask.rtol, ask.close, False, ask.path)
-        apart = 0.0
         for which in range(2):
             status, _ = evolve(dm, further, later if which == 0 else twin, record)
             if status != OK:
                 return status, False
-            apart = last_strobe(later.past, strobe)
-        if apart > SEPARATED:
+        if change(later.past[0], STRETCH, 0) > SEPARATED:  # from the last strobe of the one to that of the other
             return OK, True
     return OK, False
 

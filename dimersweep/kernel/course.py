@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.compiler.records import new_record, one
+from dimersweep.kernel.compiler.records import new_record, one, record_type
 from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.contact.forces import Contact
 from dimersweep.kernel.contact.step_control import STEP_ROWS, Control
@@ -16,7 +16,7 @@ from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, PHASE, Dimer
 from dimersweep.kernel.model.works import STRUCK_ROWS, WorkTally
 from dimersweep.kernel.numerics.meter import Meter
 from dimersweep.kernel.numerics.root_bracket import RootBracket
-from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
+from dimersweep.kernel.verdict.past import Past
 
 # bound on the work of a run, in hops of one end: a few seconds, and 0.2 s a period, at most
 BUDGET, BUDGET_PER_PERIOD = 1_500_000, 100_000
@@ -79,7 +79,7 @@ class Motion(NamedTuple):
 
     state: Any  # shape (N_STATE,)
     modes: Any  # friction modes of the ends, shape (2,)
-    past: Any  # what the verdict needs (`verdict.past`), shape (PAST_ROWS, PAST_COLUMNS)
+    past: Any  # what the verdict needs (`verdict.past.Past`)
     course: Any  # where it stands (`Course`)
     contact: Any  # the state as a contact phase has it (`coordinates`), its rates, and its forces
     rates: Any
@@ -90,7 +90,7 @@ class Motion(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Scratch arrays of one thread; `state`, `modes` and `past` are those at the end of the last run."""
+    """Scratch arrays of one thread; `state`, `modes` and `past` (an array of one) are those at the end of the last run."""
 
     state: Any
     modes: Any
@@ -99,7 +99,6 @@ class Workspace(NamedTuple):
     later_past: Any
     twin_state: Any
     twin_modes: Any
-    strobe: Any
     past: Any
     dimer: Any  # that of the run, and one on a plate whose phase is shifted, with its parameters
     later_dimer: Any
@@ -114,11 +113,10 @@ def new_workspace() -> Workspace:
         modes=np.zeros(2),
         later_state=np.zeros(N_STATE),
         later_modes=np.zeros(2),
-        later_past=np.zeros((PAST_ROWS, PAST_COLUMNS)),
+        later_past=np.zeros(1, record_type(Past)),
         twin_state=np.zeros(N_STATE),
         twin_modes=np.zeros(2),
-        strobe=np.zeros(4),
-        past=np.zeros((PAST_ROWS, PAST_COLUMNS)),
+        past=np.zeros(1, record_type(Past)),
         dimer=new_record(Dimer),
         later_dimer=new_record(Dimer),
         row=np.zeros(N_ROW),

@@ -87,7 +87,7 @@ from dimersweep.kernel.smooth_motion import (
     rests_for_good,
 )
 from dimersweep.kernel.verdict.classify import stays_as_it_is
-from dimersweep.kernel.verdict.past import S_FASTEST, SCALARS, note_contact_modes, note_impact, note_landings
+from dimersweep.kernel.verdict.past import note_contact_modes, note_impact, note_landings
 from dimersweep.kernel.verdict.settling import note_period
 
 PAIR_COST = 6.0  # of a choice of contact for two ends, which may have to find how they set out, in hops of one end
@@ -167,10 +167,10 @@ def resolve_impact(dm, ask, motion, record):
     bool
         Whether the run goes on.
     """
-    state, past, course = motion.state, motion.past, motion.course[0]
+    state, past, course = motion.state, motion.past[0], motion.course[0]
     record.counts[EVENT_COUNT] += 1
     energy = kinetic(dm, state)
-    past[SCALARS, S_FASTEST] = max(past[SCALARS, S_FASTEST], sqrt(2.0 * energy * dm.im))
+    past.fastest = max(past.fastest, sqrt(2.0 * energy * dm.im))
     course.status = noted_impact(dm, ask, motion, record)
     if course.status != OK:
         return False
@@ -191,10 +191,10 @@ def resolve_impact(dm, ask, motion, record):
 @compiled(inline=True)
 def noted_impact(dm, ask, motion, record):
     """An impact with all that is kept of it: landings, the double event, the rows of the record. Returns its status."""
-    state, past, course = motion.state, motion.past, motion.course[0]
+    state, past, course = motion.state, motion.past[0], motion.course[0]
     double = state[D1] == 0.0 and state[D2] == 0.0
     end, begins = note_landings(dm, past, state)
-    status, rows = collide(dm, state, motion.modes, ask.rtol, past[SCALARS, S_FASTEST], motion.work, record.log)
+    status, rows = collide(dm, state, motion.modes, ask.rtol, past.fastest, motion.work, record.log)
     note_impact(dm, state, past, double, end, begins)
     if status == OK:  # an impact that is not over has no rows
         first = record.counts[EVENT_ROWS]
@@ -277,7 +277,7 @@ def choose_contact(dm, ask, motion, record):
     if is_kept(record) and is_full(record):
         course.status = RECORD_FULL
         return False
-    note_contact_modes(dm, motion.past, state, modes)
+    note_contact_modes(dm, motion.past[0], state, modes)
     return True
 
 
@@ -320,9 +320,11 @@ def end_period(dm, ask, motion, record):
     if not isfinite(state[DIP] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
         course.status = NOT_FINITE
         return
-    note_period(dm, state, modes, motion.past)
+    note_period(dm, state, modes, motion.past[0])
     note_segment(record, state, modes, 0.0, state)
-    if ask.settle and (rests_for_good(dm, motion) or stays_as_it_is(dm, motion.past, ask.periods - int(state[PERIOD]))):
+    if ask.settle and (
+        rests_for_good(dm, motion) or stays_as_it_is(dm, motion.past[0], ask.periods - int(state[PERIOD]))
+    ):
         course.ended = True
 
 

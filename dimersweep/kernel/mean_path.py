@@ -14,12 +14,10 @@ from dimersweep.kernel.model.layout import (
     N_ROW,
     N_STATE,
     OK,
-    OUT_PATH_RADIUS,
-    OUT_PATH_SPEED,
-    OUT_PRECESSION_RATE,
     PERIOD,
     PHASE,
     THETA,
+    V_RATE,
     X1,
     Y1,
 )
@@ -34,7 +32,7 @@ ARCS = 4  # parts of a forcing period: with these the radius of the base case's 
 
 @compiled
 def note_path(dm, row, ask, run, later, space, record, out):
-    """Radius and speed of a drift's mean path into its outcome row, from the forcing period that follows the run.
+    """Radius and speed of a drift's mean path into its outcome, from the forcing period that follows the run.
 
     The period is cut in ARCS parts, and their chords are turned back, by the precession up to the middle of each of them.
     With places z = c + e^(i w t) (R + s(t)), s being a swing that repeats in each period and is 0 in the mean, the sum of the
@@ -60,8 +58,8 @@ def note_path(dm, row, ask, run, later, space, record, out):
     copy(run.modes, later.modes, 2)
     copy(row, space.row, N_ROW)
     state[X1] = state[Y1] = state[GAMMA] = 0.0  # only how far they go counts
-    begin_past(later.past)
-    step, part = out[OUT_PRECESSION_RATE] * dm.period / ARCS, TWO_PI / ARCS
+    begin_past(later.past[0])
+    step, part = out.orbit[V_RATE] * dm.period / ARCS, TWO_PI / ARCS
     start_later(space.row, part - TWO_PI)
     heading, (x, y) = state[THETA], centre(dm, state)
     along, across = 0.0, 0.0
@@ -80,7 +78,7 @@ def note_path(dm, row, ask, run, later, space, record, out):
     turn = state[THETA] - heading
     s, _ = sincos(0.5 * turn / ARCS)
     way = length(along, across) * (0.5 * turn / ARCS / s if s != 0.0 else 1.0)  # an arc over its chord
-    out[OUT_PATH_SPEED] = way / dm.period
+    out.path_speed = way / dm.period
     if turn != 0.0:
-        out[OUT_PATH_RADIUS] = way / abs(turn)
+        out.path_radius = way / abs(turn)
     return OK

@@ -35,10 +35,10 @@ def advance(row, state, modes, periods, rtol, path, space, record):
     int
         OK or the reason why not.
     """
-    begin_past(space.past)
+    motion = motion_of(state, modes, space.past, space)
+    begin_past(motion.past[0])
     clear_counts(record.counts)
     state[PERIOD] = 0.0
-    ask = Ask(periods, rtol, rtol, False, path)
     set_dimer(row, space.dimer)
-    status, _ = evolve(space.dimer, ask, motion_of(state, modes, space.past, space), record)
+    status, _ = evolve(space.dimer, Ask(periods, rtol, rtol, False, path), motion, record)
     return status

@@ -148,7 +148,7 @@ def follow_hops(dm, later_dm, row, segment, motion, span, rtol, record):
     start, periods = state[PHASE], state[PERIOD]
     state[PHASE], state[PERIOD] = TWO_PI - dm.omega * span, 0.0
     start_later(row, start - state[PHASE])
-    begin_past(motion.past)
+    begin_past(motion.past[0])
     set_dimer(row, later_dm)
     status, _ = evolve(later_dm, Ask(1, rtol, rtol**3, False, True), motion, record)
     state[PHASE], state[PERIOD] = start + dm.omega * span, periods

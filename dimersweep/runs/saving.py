@@ -17,7 +17,7 @@ from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.model.event_row import N_EVENT
 from dimersweep.kernel.model.layout import CODES, RUN_COLUMNS
 from dimersweep.kernel.record import N_SEGMENT
-from dimersweep.kernel.verdict.past import PAST_COLUMNS, PAST_ROWS
+from dimersweep.kernel.verdict.past import PAST_SHAPE
 from dimersweep.parameters import Parameters, updated
 from dimersweep.runs.outcome import Absent, Orbit, no_orbit
 from dimersweep.runs.recorded import RunRecord
@@ -40,7 +40,7 @@ SHAPES = {  # 0 for as many as there are
     "event_rows": (0, N_EVENT),
     "segment_rows": (0, N_SEGMENT),
     "end_start": (1, N_START),
-    "end_past": (PAST_ROWS, PAST_COLUMNS),
+    "end_past": PAST_SHAPE,
 }
 
 

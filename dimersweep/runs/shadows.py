@@ -28,7 +28,7 @@ from dimersweep.kernel.model.layout import (
     M_JUMP,
     M_PERIOD_N,
     N_ORBIT,
-    OUT_SETTLED_AFTER,
+    OUT,
     ROW,
 )
 from dimersweep.parameters import moved_on
@@ -224,7 +224,7 @@ def compared(results: tuple[np.ndarray, np.ndarray], shadow: tuple[np.ndarray, n
     """CERTAIN, UNSURE or CHANGED, for points with these results, given those of their shadows; shape (n,)."""
     (out, codes), (other_out, other_codes) = results, shadow
     ended = codes[:, CODE_N_PERIODS] == other_codes[:, CODE_N_PERIODS]
-    after, other_after = out[:, OUT_SETTLED_AFTER], other_out[:, OUT_SETTLED_AFTER]
+    after, other_after = (numbers[:, OUT.index("settled_after")] for numbers in (out, other_out))
     alike = ended & ((after == other_after) | np.isnan(after))  # what rests has no period that it settled in
     return np.where(codes[:, CODE_MODE] != other_codes[:, CODE_MODE], CHANGED, np.where(alike, CERTAIN, UNSURE))
 

@@ -24,6 +24,7 @@ from dimersweep.kernel.model.layout import (
     PERIOD,
 )
 from dimersweep.kernel.record import Record, new_record, no_record, rows_of, was_full
+from dimersweep.kernel.verdict.past import PAST_SHAPE
 from dimersweep.runs.recorded import RunRecord
 
 SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
@@ -93,7 +94,7 @@ class RunEnd(NamedTuple):
     ----------
     start : ndarray, shape (1, N_START)
         State and friction modes.
-    past : ndarray, shape (PAST_ROWS, PAST_COLUMNS)
+    past : ndarray, shape PAST_SHAPE
         What the verdict keeps of the run.
     """
 
@@ -156,7 +157,7 @@ def run_row(
 
     def run(periods: int, kept: Record) -> Record:
         if past is not None:
-            space.past[:] = past
+            space.past.view(np.float64)[:] = past.ravel()
         run_recorded(row, ask_for(periods, how.rtol, how.stop_when_settled, record), out, codes, kept, space, start)
         return kept
 
@@ -176,7 +177,9 @@ def run_row(
         cost += int(codes[0, CODE_N_PERIODS])
         if codes[0, CODE_MODE] != M_UNRESOLVED:
             break
-    end = RunEnd(np.concatenate([space.state, space.modes])[None], space.past.copy())
+    end = RunEnd(
+        np.concatenate([space.state, space.modes])[None], space.past.view(np.float64).reshape(PAST_SHAPE).copy()
+    )
     return Solved(out[0], codes[0], kept, end, cost)
 
 

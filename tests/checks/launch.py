@@ -18,7 +18,7 @@ from tests.checks.examine import look_at
 @exported
 def evolve(dm, ask, state, space, record):
     """The event loop from any state."""
-    past.begin_past(space.past)
+    past.begin_past(space.past[0])
     status, _ = event_loop.evolve(dm, ask, motion_of(state, space.modes, space.past, space), record)
     return status
 

@@ -8,6 +8,7 @@ import pytest
 
 from dimersweep import simulate
 from dimersweep.kernel import batch
+from dimersweep.kernel.compiler.records import record_type
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, new_workspace
 from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
@@ -192,11 +193,15 @@ def test_the_kernel_is_compiled_once():
 
 def test_slots_are_those_of_the_names():
     assert [getattr(layout, f"CODE_{name.upper()}") for name in CODES] == list(range(layout.N_CODES))
-    named = [name for name in OUT if not name.endswith("_drift")]
-    assert [getattr(layout, f"OUT_{name.upper()}") for name in named] == [OUT.index(name) for name in named]
-    assert [OUT.index(f"{name}_drift") for name in OUT[: layout.N_ORBIT]] == list(
-        range(layout.N_ORBIT, 2 * layout.N_ORBIT)
-    )
+    numbers = np.arange(float(layout.N_OUT))
+    out = numbers.view(record_type(layout.Outcome))[0]
+    for name in OUT:
+        value = name.removesuffix("_drift")
+        if value in OUT[: layout.N_ORBIT]:
+            found = (out.orbit if name == value else out.drift)[OUT.index(value)]
+        else:
+            found = getattr(out.run if name in layout.RUN_COLUMNS else out, name)
+        assert found == numbers[OUT.index(name)], name
     assert [EVENT[k] for k in (E_CAUSE, E_N1, E_P1, E_A1)] == [
         "cause",
         "gap_1_rate_before",

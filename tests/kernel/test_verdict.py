@@ -5,6 +5,7 @@ import pytest
 
 from dimersweep import simulate
 from dimersweep.kernel.compiler.jit import exported
+from dimersweep.kernel.compiler.records import record_type
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, SPIN
 from dimersweep.kernel.verdict import past as pasts
 from dimersweep.kernel.verdict import settling
@@ -75,9 +76,9 @@ def follow(dm, states, modes, past, runs):
     for k in range(states.shape[0]):
         settling.note_period(dm, states[k], modes, past)
         for p in range(runs.shape[1]):
-            runs[k, p] = past[pasts.RUNS, p]
-    p = settling.settled_period(past)
-    return p if p > 0 else settling.ringing_period(past)
+            runs[k, p] = past.runs[p]
+    p = settling.settled_period(past, False)
+    return p if p > 0 else settling.settled_period(past, True)
 
 
 def followed(x, roll):
@@ -89,7 +90,7 @@ def followed(x, roll):
     states[:, PERIOD] = 1.0 + np.arange(len(x))
     states[:, SPIN] = roll * speed / dm.p2.r
     runs = np.zeros((len(x), LONGEST_PERIOD + 1))
-    period = follow(dm, states, np.zeros(2), np.zeros((pasts.PAST_ROWS, pasts.PAST_COLUMNS)), runs)
+    period = follow(dm, states, np.zeros(2), np.zeros(1, record_type(pasts.Past))[0], runs)
     course = Course(x, roll)
     return (runs.astype(int), period), (course.runs, course.period())
 

@@ -6,7 +6,7 @@ A tuple goes from function to function by its values: one of forty numbers costs
 from collections.abc import Sequence
 from functools import cache
 from types import SimpleNamespace
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
 import numba
 import numpy as np
@@ -18,13 +18,19 @@ NUMBERS = (bool, int, float)
 
 @cache  # a search of an orbit makes thousands of records
 def record_type(fields: type) -> np.dtype:
-    """The type in memory of a class of named numbers and further such classes."""
-    kinds = get_type_hints(fields).items()
-    return np.dtype((np.record, np.dtype([(k, v if v in NUMBERS else record_type(v)) for k, v in kinds], align=True)))
+    """The type in memory of a class of named numbers, further such classes, and `Annotated` lists of either, by length."""
+    kinds = get_type_hints(fields, include_extras=True).items()
+    return np.dtype((np.record, np.dtype([(name, _type_of(kind)) for name, kind in kinds], align=True)))
+
+
+def _type_of(kind: Any) -> Any:
+    if hasattr(kind, "__metadata__"):
+        return _type_of(get_args(kind.__origin__)[0]), kind.__metadata__
+    return kind if kind in NUMBERS else record_type(kind)
 
 
 def one(fields: type[Fields]) -> Sequence[Fields]:
-    """An array of one record of this class, with all its numbers zero.
+    """An array of one record of this class without lists, with all its numbers zero.
 
     With the JIT off it is a list of a plain object, which Python reads thirty times as fast.
     """

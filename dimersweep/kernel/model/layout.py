@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, fields
 from math import inf, nan, pi
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 # --- parameters at rest: one flat row of floats per run -------------------------------------------------------------
 ROW = (
@@ -188,26 +188,34 @@ class Quantity(NamedTuple):
         return {"units": self.units, "long_name": self.long_name} | bounds
 
 
-CODE_COLUMNS = {
-    "status": Quantity("1", "how the run ended"),
-    "mode": Quantity("1", "mode of motion"),
-    "mode_period": Quantity("1", "period of the motion in forcing periods", 0, 16),
-    "di_end": Quantity(
+def _column(units: str, long_name: str, least: float = -inf, most: float = inf) -> Any:
+    return field(default=nan, metadata={"quantity": Quantity(units, long_name, least, most)})
+
+
+def _columns(kind: Any) -> dict[str, Quantity]:
+    return {column.name: column.metadata["quantity"] for column in fields(kind)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Codes:
+    """A row of integers."""
+
+    status: int = _column("1", "how the run ended")
+    mode: int = _column("1", "mode of motion")
+    mode_period: int = _column("1", "period of the motion in forcing periods", 0, 16)
+    di_end: int = _column(
         "1", "friction of the end that stays down, then of the other one, at the end of the double impact"
-    ),
-    "track": Quantity("1", "what the centre of mass draws on the plate"),
-    "n_events": Quantity("1", "number of landings, impacts, lift-offs and changes between slip and stick", 0),
-    "n_periods": Quantity("1", "number of forcing periods run", 0),
-}
+    )
+    track: int = _column("1", "what the centre of mass draws on the plate")
+    n_events: int = _column("1", "number of landings, impacts, lift-offs and changes between slip and stick", 0)
+    n_periods: int = _column("1", "number of forcing periods run", 0)
+
+
+CODE_COLUMNS = _columns(Codes)
 CODE_WORDS = {"mode": MODES, "status": STATUSES, "di_end": DI_ENDS, "track": TRACKS}  # of those that are flags
 CODES = tuple(CODE_COLUMNS)
 N_CODES = len(CODES)
 CODE_STATUS, CODE_MODE, CODE_MODE_PERIOD, CODE_DI_END, CODE_TRACK, CODE_N_EVENTS, CODE_N_PERIODS = range(N_CODES)
-
-
-def _column(units: str, long_name: str, least: float = -inf, most: float = inf) -> Any:
-    return field(default=nan, metadata={"quantity": Quantity(units, long_name, least, most)})
-
 
 _LAST = "the last (at most 16) periods"
 
@@ -262,14 +270,20 @@ class RunNumbers:
     centre_velocity_y: float = _column("m s-1", "velocity of the circle's centre along y, over the last whole turn")
 
 
-ORBIT_COLUMNS, RUN_COLUMNS = (
-    {column.name: column.metadata["quantity"] for column in fields(kind)} for kind in (OrbitNumbers, RunNumbers)
-)
+ORBIT_COLUMNS, RUN_COLUMNS = _columns(OrbitNumbers), _columns(RunNumbers)
 OUT = (*ORBIT_COLUMNS, *RUN_COLUMNS)
 N_OUT = len(OUT)
-N_ORBIT = 6  # values of an orbit, in the first slots; the drift of each is so many slots later
-OUT_RADIUS, OUT_PERIOD, OUT_ZETA, OUT_SPEED, OUT_PRECESSION_RATE, OUT_IMPACT_PHASE = range(N_ORBIT)
-OUT_SPIN, OUT_BETA_RATE_AFTER, OUT_PATH_RADIUS, OUT_PATH_SPEED = range(2 * N_ORBIT, len(ORBIT_COLUMNS))
-OUT_DOWN_SHARE_1, OUT_DOWN_SHARE_2, OUT_SETTLED_AFTER, OUT_SPIN_DRIFT = range(OUT_PATH_SPEED + 1, OUT_PATH_SPEED + 5)
-OUT_LONGEST_HOP_1, OUT_LONGEST_HOP_2, OUT_CHANGE_AHEAD = range(OUT_SPIN_DRIFT + 1, OUT_SPIN_DRIFT + 4)
-OUT_CENTRE_VELOCITY_X, OUT_CENTRE_VELOCITY_Y = range(OUT_CHANGE_AHEAD + 1, N_OUT)
+N_ORBIT = 6  # values of an orbit, which come first, and then as many drifts of them
+V_RADIUS, V_PERIOD, V_ZETA, V_SPEED, V_RATE, V_PHASE = range(N_ORBIT)
+
+
+class Outcome:
+    """A row of floats in the order of `OUT`, as the kernel fills it."""
+
+    orbit: Annotated[list[float], N_ORBIT]
+    drift: Annotated[list[float], N_ORBIT]
+    spin: float
+    beta_rate_after: float
+    path_radius: float
+    path_speed: float
+    run: RunNumbers

@@ -8,7 +8,9 @@ their pace over the last ones: so they are those at the end of the periods asked
 from math import copysign, nan, pi
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.body import extent
 from dimersweep.kernel.model.layout import (
+    DI_NONE,
     M_DRIFT,
     M_FLUTTER,
     M_JUMP,
@@ -18,59 +20,18 @@ from dimersweep.kernel.model.layout import (
     M_SLIDES,
     M_UNRESOLVED,
     N_ORBIT,
-    N_OUT,
-    OUT_BETA_RATE_AFTER,
-    OUT_CENTRE_VELOCITY_X,
-    OUT_CENTRE_VELOCITY_Y,
-    OUT_CHANGE_AHEAD,
-    OUT_DOWN_SHARE_1,
-    OUT_IMPACT_PHASE,
-    OUT_LONGEST_HOP_1,
-    OUT_PRECESSION_RATE,
-    OUT_RADIUS,
-    OUT_SETTLED_AFTER,
-    OUT_SPEED,
-    OUT_SPIN,
-    OUT_SPIN_DRIFT,
-    OUT_ZETA,
     THETA,
     TR_NONE,
+    V_PHASE,
+    V_RADIUS,
+    V_RATE,
+    V_SPEED,
+    V_ZETA,
     WP,
 )
 from dimersweep.kernel.model.plate import keeps_speed
-from dimersweep.kernel.verdict.past import (
-    DE_END,
-    DE_PHASE,
-    DE_SPEED,
-    DE_SPIN,
-    DE_THETA,
-    DE_TIME,
-    DE_WB,
-    DE_ZETA,
-    DOUBLES,
-    G_END,
-    G_LONG,
-    G_TIME,
-    LANDINGS,
-    P_DOUBLES,
-    P_DOWN_1,
-    P_HOP_1,
-    P_OFF_1,
-    P_SPIN,
-    P_THETA,
-    P_TIME,
-    RING,
-    RUNS,
-    S_CLOSED,
-    S_DOUBLES,
-    S_HELD,
-    S_LANDINGS,
-    S_STROBES,
-    SCALARS,
-    STROBES,
-    TRACK_ROW,
-)
-from dimersweep.kernel.verdict.settling import SETTLED_PERIODS, ringing_period, settled_period, spin_drift
+from dimersweep.kernel.verdict.past import RING, double, strobe
+from dimersweep.kernel.verdict.settling import SETTLED_PERIODS, settled_period, spin_drift, whole
 from dimersweep.kernel.verdict.track import track_of
 
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
@@ -79,15 +40,16 @@ FIT = 20  # double events in the fit of an orbit's drift
 SPAN = 12  # last periods, over which the shares of contact and the longest hops are taken
 STAYS = 3.0  # periods for which both ends have been down where they stay down
 STILL = 8e-4  # change of its numbers, relative, in radians, cycles or periods, that a stopped run leaves out at most
+V_SPIN = N_ORBIT  # beside the values of an orbit
 SLOW_SPEED, STRAIGHT = 1e-2, 1e-9  # speed in g/omega, precession in omega: changes of lesser ones are relative to these
 
 
 @compiled
-def down_until(strobe, i, off):
+def down_until(row, i, off):
     """Time that end i has been down by a strobe [s], up to a constant; a flight that goes on since `off` (or not: < 0) is
     a long one.
     """
-    return strobe[P_TIME] + strobe[P_DOWN_1 + i] - (strobe[P_TIME] - off if off >= 0.0 else 0.0)
+    return row.time + row.long[i] - (row.time - off if off >= 0.0 else 0.0)
 
 
 @compiled
@@ -96,41 +58,41 @@ def share(past, span, p, i):
 
     One that goes on at their end is as long as that which went on a period p of the motion before; a long one if p is 0.
     """
-    last = int(past[SCALARS, S_STROBES]) - 1
-    row, old = past[STROBES + last % RING], past[STROBES + (last - span) % RING]
-    off, goes_on = row[P_OFF_1 + i], past[STROBES + (last - p) % RING, P_OFF_1 + i] >= 0.0
-    down = down_until(row, i, off if goes_on else -1.0) - down_until(old, i, old[P_OFF_1 + i])
-    return max(0.0, min(1.0, down / (row[P_TIME] - old[P_TIME])))  # but for rounding it is
-
-
-@compiled
-def whole(p):
-    """The last periods whose shares and hops are told: SPAN, or as many as are whole periods p of the motion, at least one."""
-    return p * max(1, SPAN // p) if p > 0 else SPAN
-
-
-@compiled
-def longest_hop(dm, past, span, i):
-    """Longest time that end i was off the plate, of the hops that ended or went on in the last `span` periods [periods]."""
-    count = int(past[SCALARS, S_STROBES])
-    last = past[STROBES + (count - 1) % RING]
-    on_its_way = last[P_TIME] - last[P_OFF_1 + i] if last[P_OFF_1 + i] >= 0.0 else 0.0
-    return max(on_its_way / dm.period, longest_landed(dm, past, span, 0, i))
+    row, old = past.strobes[strobe(past, 0)], past.strobes[strobe(past, span)]
+    goes_on = past.strobes[strobe(past, p)].off[i] >= 0.0
+    down = down_until(row, i, row.off[i] if goes_on else -1.0) - down_until(old, i, old.off[i])
+    return max(0.0, min(1.0, down / (row.time - old.time)))  # but for rounding it is
 
 
 @compiled
 def longest_landed(dm, past, span, back, i):
     """Longest hop of end i that ended in the `span` periods up to `back` periods before the last strobe [periods]."""
-    last, longest = int(past[SCALARS, S_STROBES]) - 1 - back, 0.0
+    longest = 0.0
     for k in range(span):
-        longest = max(longest, past[STROBES + (last - k) % RING, P_HOP_1 + i])
+        longest = max(longest, past.strobes[strobe(past, back + k)].hop[i])
     return longest / dm.period
+
+
+@compiled
+def down_and_hop(dm, past, span, rest, p, i):
+    """Share of the last `span` periods that end i is down, and the longest time that it was off the plate [periods], of the
+    hops that ended or went on in them; for the `rest` of them it lies still.
+    """
+    if span <= 0:
+        return nan, nan
+    moved = max(0, span - rest)
+    if moved == 0:
+        return 1.0, 0.0
+    row = past.strobes[strobe(past, 0)]
+    on_its_way = row.time - row.off[i] if row.off[i] >= 0.0 else 0.0
+    hop = max(on_its_way / dm.period, longest_landed(dm, past, moved, 0, i))
+    return (moved * share(past, moved, p, i) + (span - moved)) / span, hop
 
 
 @compiled
 def stays_down(past):
     """Whether both ends have been on the plate for some periods."""
-    return past[SCALARS, S_CLOSED] >= STAYS
+    return past.closed >= STAYS
 
 
 @compiled
@@ -138,7 +100,7 @@ def mode_on_the_plate(dm, state, past, at_rest):
     """Mode of a motion whose ends both stay down."""
     if at_rest:
         return M_REST
-    if past[SCALARS, S_HELD] < STAYS:
+    if past.held < STAYS:
         return M_SLIDES
     return M_REST if keeps_speed(dm, state[THETA], state[WP]) else M_ROLLS
 
@@ -146,15 +108,14 @@ def mode_on_the_plate(dm, state, past, at_rest):
 @compiled
 def mode_of(dm, past):
     """Mode of a motion whose ends do not both stay down, and its period in forcing periods (0 where it has none)."""
-    count = int(past[SCALARS, S_STROBES])
-    p = settled_period(past)
+    p = settled_period(past, False)
     if p == 0:
-        p = ringing_period(past)
+        p = settled_period(past, True)
     if p == 0:
         return M_UNRESOLVED, 0
-    span = whole(p)
+    span = whole(p, SPAN)
     down_1, down_2 = share(past, span, p, 0), share(past, span, p, 1)
-    doubles = past[STROBES + (count - 1) % RING, P_DOUBLES] - past[STROBES + (count - 1 - span) % RING, P_DOUBLES]
+    doubles = past.strobes[strobe(past, 0)].doubles - past.strobes[strobe(past, span)].doubles
     if p == 1 and doubles == span and max(down_1, down_2) >= DOWN_LINE and min(down_1, down_2) <= 0.5:
         return M_DRIFT, 1
     together, turns, total = landing_pattern(dm, past, span)
@@ -168,51 +129,44 @@ def mode_of(dm, past):
 @compiled
 def landing_pattern(dm, past, span):
     """Of the long landings of the last `span` periods: those with one of the other end beside them, changes of end, all."""
-    count = int(past[SCALARS, S_LANDINGS])
-    begin = (past[SCALARS, S_STROBES] - span) * dm.period
+    last, kept = int(past.n_landings) - 1, min(int(past.n_landings), RING)
+    begin = (past.n_strobes - span) * dm.period
     together, turns, total, later_end = 0, 0, 0, -1.0
-    for back in range(min(count, RING)):
-        row = past[LANDINGS + (count - 1 - back) % RING]
-        if row[G_TIME] < begin:
+    for back in range(kept):
+        row = past.landings[(last - back) % RING]
+        if row.time < begin:
             break
-        if row[G_LONG] == 0.0:
+        if row.long == 0.0:
             continue
         total += 1
-        turns += 1 if later_end >= 0.0 and row[G_END] != later_end else 0
-        later_end = row[G_END]
-        before, after = back + 1 < min(count, RING), back > 0
-        if (before and beside(dm, past, row, count - 2 - back)) or (after and beside(dm, past, row, count - back)):
-            together += 1
+        turns += 1 if later_end >= 0.0 and row.end != later_end else 0
+        later_end = row.end
+        beside = False  # one of the other end at nearly the same time
+        for k in range(max(back - 1, 0), min(back + 2, kept)):
+            other = past.landings[(last - k) % RING]
+            beside = beside or (other.end != row.end and abs(other.time - row.time) < TOGETHER * dm.period)
+        together += 1 if beside else 0
     return together, turns, total
 
 
 @compiled
-def beside(dm, past, landing, k):
-    """Whether the k-th landing is one of the other end at nearly the same time."""
-    row = past[LANDINGS + k % RING]
-    return row[G_END] != landing[G_END] and abs(row[G_TIME] - landing[G_TIME]) < TOGETHER * dm.period
-
-
-@compiled
 def orbit_value(past, k, back):
-    """Value k of the orbit (OUT_RADIUS to OUT_IMPACT_PHASE, or OUT_SPIN) at the double event `back` before the last."""
-    count = int(past[SCALARS, S_DOUBLES])
-    row = past[DOUBLES + (count - 1 - back) % RING]
-    old = past[DOUBLES + (count - 2 - back) % RING]
-    if k == OUT_ZETA:
-        return row[DE_ZETA]
-    if k == OUT_SPEED:
-        return row[DE_SPEED]
-    if k == OUT_IMPACT_PHASE:
-        return row[DE_PHASE]
-    if k == OUT_SPIN:
-        return row[DE_SPIN]
-    rate = (row[DE_THETA] - old[DE_THETA]) / (row[DE_TIME] - old[DE_TIME])
-    if k == OUT_PRECESSION_RATE:
+    """Value k of the orbit (one of V_..., or V_SPIN) at the double event `back` before the last."""
+    row, old = past.doubles[double(past, back)], past.doubles[double(past, back + 1)]
+    if k == V_ZETA:
+        return row.zeta
+    if k == V_SPEED:
+        return row.speed
+    if k == V_PHASE:
+        return row.phase
+    if k == V_SPIN:
+        return row.spin
+    rate = (row.theta - old.theta) / (row.time - old.time)
+    if k == V_RATE:
         return rate
     if rate == 0.0:
         return nan  # a straight path: there is no circle
-    return row[DE_SPEED] / abs(rate) if k == OUT_RADIUS else 2.0 * pi / abs(rate)
+    return row.speed / abs(rate) if k == V_RADIUS else 2.0 * pi / abs(rate)
 
 
 @compiled
@@ -232,29 +186,26 @@ def orbit_slope(past, k, n):
 @compiled
 def fitted(past):
     """Number of double events in the fit of an orbit's drift."""
-    return min(FIT, int(past[SCALARS, S_DOUBLES]) - 1, RING - 1)
+    return min(FIT, int(past.n_doubles) - 1, RING - 1)
 
 
 @compiled
 def orbit_of(past, out):
-    """Orbit of a drift from its double events into the outcome row: last values, and their slopes over the last FIT.
+    """Orbit of a drift from its double events into the outcome: last values, and their slopes over the last FIT.
 
     Returns
     -------
     int
         How the last double impact ended.
     """
-    count = int(past[SCALARS, S_DOUBLES])
-    if count < 2:
+    if past.n_doubles < 2.0:
         return 0
-    n = fitted(past)
+    n, last = fitted(past), past.doubles[double(past, 0)]
     for k in range(N_ORBIT):
-        out[k] = orbit_value(past, k, 0)
-        out[N_ORBIT + k] = orbit_slope(past, k, n)
-    last = past[DOUBLES + (count - 1) % RING]
-    out[OUT_SPIN], out[OUT_BETA_RATE_AFTER] = last[DE_SPIN], last[DE_WB]
-    out[OUT_SPIN_DRIFT] = orbit_slope(past, OUT_SPIN, n)
-    return int(last[DE_END])
+        out.orbit[k], out.drift[k] = orbit_value(past, k, 0), orbit_slope(past, k, n)
+    out.spin, out.beta_rate_after = last.spin, last.beta_rate
+    out.run.spin_drift = orbit_slope(past, V_SPIN, n)
+    return int(last.end)
 
 
 @compiled
@@ -264,9 +215,9 @@ def stays_as_it_is(dm, past, left):
     Where they go with the heading, their pace of now says nothing of the turn to come. Where both ends stay down, and do not
     rest, the speed changes.
     """
-    if dm.sideways != 0.0 or stays_down(past):
+    if dm.sideways != 0.0 or stays_down(past) or settled_period(past, False) == 0:
         return False
-    return settled_period(past) > 0 and change_ahead(dm, past, left) <= STILL
+    return change_ahead(dm, past, left) <= STILL
 
 
 @compiled
@@ -280,17 +231,19 @@ def change_ahead(dm, past, left):
     mode, p = mode_of(dm, past)
     if p == 0 or left == 0:
         return 0.0
-    pace = max(hop_pace(dm, past, p, 0), hop_pace(dm, past, p, 1))
-    pace = max(pace, spin_pace(past, p))
+    pace = abs(spin_drift(past, p)) / max(abs(past.strobes[strobe(past, 0)].spin), 1.0)
+    span = whole(p, SETTLED_PERIODS)
+    for i in range(2):
+        pace = max(pace, abs(longest_landed(dm, past, p, 0, i) - longest_landed(dm, past, p, span, i)) / span)
     turn, bend = heading_pace(past, p)
     pace = max(pace, 0.5 * left * abs(bend) / max(1.0, left * abs(turn)))
     if mode == M_DRIFT:
         n, unit = fitted(past), dm.g / dm.omega
-        turning = relative_pace(past, OUT_PRECESSION_RATE, n, STRAIGHT * dm.omega)
-        moving = relative_pace(past, OUT_SPEED, n, SLOW_SPEED * unit)
+        turning = relative_pace(past, V_RATE, n, STRAIGHT * dm.omega)
+        moving = relative_pace(past, V_SPEED, n, SLOW_SPEED * unit)
         pace = max(pace, abs(turning), abs(moving), abs(moving - turning))  # of the period, the speed and the radius
-        pace = max(pace, abs(orbit_slope(past, OUT_IMPACT_PHASE, n)))
-        angle = abs(orbit_slope(past, OUT_ZETA, n))
+        pace = max(pace, abs(orbit_slope(past, V_PHASE, n)))
+        angle = abs(orbit_slope(past, V_ZETA, n))
         if angle > pace:  # a dimer that stands has none
             pace = angle
     return left * pace
@@ -304,57 +257,48 @@ def relative_pace(past, k, n, least):
 
 
 @compiled
-def spin_pace(past, p):
-    """Change of the spin per forcing period over the last periods of a motion of period p, relative to it or to g/(omega r)."""
-    last, span = int(past[SCALARS, S_STROBES]) - 1, p * (SETTLED_PERIODS // p)
-    spin, old = past[STROBES + last % RING, P_SPIN], past[STROBES + (last - span) % RING, P_SPIN]
-    return abs(spin - old) / span / max(abs(spin), 1.0)
-
-
-@compiled
 def heading_pace(past, p):
     """Turning of the heading per forcing period over the last periods of a motion of period p, and its change [rad]."""
-    last, span = int(past[SCALARS, S_STROBES]) - 1, whole(p)
-    now, old = past[STROBES + last % RING, P_THETA], past[STROBES + (last - span) % RING, P_THETA]
-    turn, turn_before = now - old, old - past[STROBES + (last - 2 * span) % RING, P_THETA]
+    span = whole(p, SPAN)
+    now, old = past.strobes[strobe(past, 0)].theta, past.strobes[strobe(past, span)].theta
+    turn, turn_before = now - old, old - past.strobes[strobe(past, 2 * span)].theta
     return turn / span, (turn - turn_before) / (span * span)
 
 
 @compiled
-def hop_pace(dm, past, p, i):
-    """Change of the longest hop of end i per forcing period over the last periods of a motion of period p [periods]."""
-    span = p * (SETTLED_PERIODS // p)
-    return abs(longest_landed(dm, past, p, 0, i) - longest_landed(dm, past, p, span, i)) / span
+def clear_outcome(codes, out):
+    """No verdict: no number has a meaning."""
+    codes.mode, codes.mode_period, codes.di_end, codes.track = M_UNRESOLVED, 0, DI_NONE, TR_NONE
+    for k in range(N_ORBIT):
+        out.orbit[k] = out.drift[k] = nan
+    out.spin = out.beta_rate_after = out.path_radius = out.path_speed = nan
+    run = out.run
+    run.down_share_1 = run.down_share_2 = run.longest_hop_1 = run.longest_hop_2 = run.settled_after = nan
+    run.spin_drift = run.change_ahead = run.centre_velocity_x = run.centre_velocity_y = nan
 
 
 @compiled
-def verdict(dm, state, past, at_rest, left, out):
-    """Mode, its period, the end of the double impact, and the track; fills the outcome row (nan where a number has no meaning).
+def verdict(dm, state, past, at_rest, left, codes, out):
+    """Mode, its period, the end of the double impact, the track, and the numbers that go with them, into the outcome of a run.
 
     A run that rests does so for the periods that are left of it, too: both ends are down in them.
     """
-    for k in range(N_OUT):
-        out[k] = nan
-    mode, p = M_UNRESOLVED, 0
+    clear_outcome(codes, out)
+    p, run, rest = 0, out.run, left if at_rest else 0
     if at_rest or stays_down(past):
-        mode = mode_on_the_plate(dm, state, past, at_rest)
+        codes.mode = mode_on_the_plate(dm, state, past, at_rest)
     else:
-        mode, p = mode_of(dm, past)
-    rest = left if at_rest else 0
-    span = min(int(past[SCALARS, S_STROBES]) + rest - 1, whole(p))
-    moved = max(0, span - rest)
-    for i in range(2):
-        if moved > 0:
-            out[OUT_DOWN_SHARE_1 + i] = (moved * share(past, moved, p, i) + (span - moved)) / span
-            out[OUT_LONGEST_HOP_1 + i] = longest_hop(dm, past, moved, i)
-        elif span > 0:
-            out[OUT_DOWN_SHARE_1 + i], out[OUT_LONGEST_HOP_1 + i] = 1.0, 0.0
-    out[OUT_CHANGE_AHEAD] = change_ahead(dm, past, left) if p > 0 else 0.0
-    track = TR_NONE
+        codes.mode, p = mode_of(dm, past)
+    span = min(int(past.n_strobes) + rest - 1, whole(p, SPAN))
+    run.down_share_1, run.longest_hop_1 = down_and_hop(dm, past, span, rest, p, 0)
+    run.down_share_2, run.longest_hop_2 = down_and_hop(dm, past, span, rest, p, 1)
+    run.change_ahead = 0.0
     if p > 0:
+        run.change_ahead = change_ahead(dm, past, left)
         turn, _ = heading_pace(past, p)
-        track, out[OUT_CENTRE_VELOCITY_X], out[OUT_CENTRE_VELOCITY_Y] = track_of(past[TRACK_ROW], left * turn)
-        out[OUT_SETTLED_AFTER] = past[SCALARS, S_STROBES] - past[RUNS, p]
-        out[OUT_SPIN_DRIFT] = spin_drift(dm, past, p)
-    end = orbit_of(past, out) if mode == M_DRIFT else 0
-    return mode, p, end, track
+        codes.track, run.centre_velocity_x, run.centre_velocity_y = track_of(past.track, left * turn)
+        run.settled_after = past.n_strobes - past.runs[p]
+        run.spin_drift = spin_drift(past, p) * dm.g / (dm.omega * extent(dm)[0])
+        codes.mode_period = p
+    if codes.mode == M_DRIFT:
+        codes.di_end = orbit_of(past, out)

@@ -6,6 +6,7 @@ periods: a ball is down while it is closed or in hops shorter than HOP_LINE; imp
 """
 
 from math import nan, pi, sqrt
+from typing import Annotated
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import contact_velocity, extent
@@ -14,9 +15,6 @@ from dimersweep.kernel.model.layout import (
     CB,
     D1,
     D2,
-    DI_SK_SK,
-    DI_SK_SP,
-    DI_SP_SK,
     DI_SP_SP,
     FREE,
     N1,
@@ -30,7 +28,7 @@ from dimersweep.kernel.model.layout import (
     WB,
 )
 from dimersweep.kernel.numerics.elementary import atan2, length
-from dimersweep.kernel.numerics.steps import clear
+from dimersweep.kernel.verdict.track import Track
 
 HOP_LINE = 0.5
 NOTED = 0.4  # hops from which on landings are kept: one just below the line may go with one just above it
@@ -38,22 +36,80 @@ BURST = 0.05
 SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a double impact
 
 RING = 64
-# rows of the past: scalars, the track (``verdict.track``), strobes, double events, long landings
-SCALARS, TRACK_ROW, STROBES, DOUBLES, LANDINGS = 0, 2, 3, 3 + RING, 3 + 2 * RING
-PAST_ROWS, PAST_COLUMNS = 3 + 3 * RING, 24
-# scalars
-S_OFF_1, S_OFF_2, S_DOWN_1, S_DOWN_2, S_DOUBLES, S_LANDINGS, S_STROBES, S_CLOSED, S_HOP_1, S_HOP_2 = range(10)
-S_FASTEST = 10  # greatest speed in the plate's frame so far [m/s], by which an impact is slow
-S_HELD = 11  # for how many periods both ends have stuck
-RUNS = 1  # this row holds, in column p, for how many periods the motion has repeated with period p
-# columns of a strobe
-P_D1, P_D2, P_N1, P_N2, P_SPIN, P_DOWN_1, P_DOWN_2, P_DOUBLES, P_TIME, P_OFF_1, P_OFF_2, P_HOP_1, P_HOP_2 = range(13)
-P_HEADING, P_THETA = 13, 14  # the heading where it counts, and in any case
-N_NORMAL = P_N2 + 1  # those up to here are the normal state, which a motion repeats
-# columns of a double event
-DE_TIME, DE_PHASE, DE_SPEED, DE_ZETA, DE_THETA, DE_SPIN, DE_WB, DE_END, DE_BOUNCER = range(9)
-# columns of a landing
-G_TIME, G_END, G_LONG = range(3)
+N_NORMAL = 4
+PAST_SHAPE = (3 + 3 * RING, 24)  # of a past in a file: a row each for itself, its runs, the track, and what it keeps
+Ends = Annotated[list[float], 2]  # of p1 and p2
+
+
+class Strobe:
+    """A period boundary."""
+
+    x: Annotated[list[float], N_NORMAL]  # gaps and gap rates, which a motion repeats [g/omega^2], [g/omega]
+    spin: float  # r s [g/omega]
+    long: Ends  # time in long hops that are over, below zero [s]
+    doubles: float  # number of double events so far
+    time: float  # since the start [s]
+    off: Ends  # when the ends left the plate, below zero where they are down, or in a hop that proved short [s]
+    hop: Ends  # longest hops that ended in the period before [s]
+    heading: float  # where it counts [rad]
+    theta: float  # it in any case [rad]
+    spare: Annotated[list[float], 9]
+
+
+class Double:
+    """The state after the last impact of a double event."""
+
+    time: float
+    phase: float  # of the plate [cycles]
+    speed: float  # of the centre of mass [m s-1]
+    zeta: float  # of (9) [rad]
+    theta: float
+    spin: float
+    beta_rate: float
+    end: float  # how it ended: a code in ``layout.DI_ENDS``
+    bouncer: float
+    spare: Annotated[list[float], 15]
+
+
+class Landing:
+    """The end of a hop that is nearly long, or longer."""
+
+    time: float
+    end: float
+    long: float  # 1.0 for a long one
+    spare: Annotated[list[float], 21]
+
+
+class Past:
+    """All that is kept of a run. What it keeps of a kind stands in a ring: the n-th in place n % RING."""
+
+    off: Ends  # as in a strobe
+    long: Ends
+    n_doubles: float
+    n_landings: float
+    n_strobes: float
+    closed: float  # for how many periods both ends have been closed
+    hop: Ends
+    fastest: float  # greatest speed in the plate's frame so far [m/s], by which an impact is slow
+    held: float  # for how many periods both ends have stuck
+    spare: Annotated[list[float], 12]
+    runs: Annotated[list[float], 24]  # in place p for how many periods the motion has repeated with period p
+    track: Track
+    strobes: Annotated[list[Strobe], RING]
+    doubles: Annotated[list[Double], RING]
+    landings: Annotated[list[Landing], RING]
+
+
+@compiled
+def strobe(past, back):
+    """Place of the strobe `back` periods before the last one."""
+    return (int(past.n_strobes) - 1 - back) % RING
+
+
+@compiled
+def double(past, back):
+    """Place of the double event `back` events before the last one."""
+    return (int(past.n_doubles) - 1 - back) % RING
 
 
 @compiled
@@ -64,9 +120,12 @@ def time_of(dm, state):
 
 @compiled
 def begin_past(past):
-    """An empty past; both balls down."""
-    clear(past, STROBES, PAST_COLUMNS)  # the other rows are read no further than they are counted here
-    past[SCALARS, S_OFF_1] = past[SCALARS, S_OFF_2] = -1.0
+    """An empty past; both balls down. What stands in the rings is read no further than it is counted here."""
+    for i in range(2):
+        past.off[i], past.long[i], past.hop[i] = -1.0, 0.0, 0.0
+    past.n_doubles = past.n_landings = past.n_strobes = past.closed = past.fastest = past.held = past.track.begun = 0.0
+    for p in range(len(past.runs)):
+        past.runs[p] = 0.0
 
 
 @compiled
@@ -74,34 +133,34 @@ def note_contact_modes(dm, past, state, modes):
     """Note the ends that slip or are off the plate from now on."""
     for i in range(2):
         if modes[i] == SLIP:
-            past[SCALARS, S_HELD] = -1.0
+            past.held = -1.0
         if modes[i] == FREE:
-            past[SCALARS, S_CLOSED] = -1.0
-            if past[SCALARS, S_OFF_1 + i] < 0.0:
-                past[SCALARS, S_OFF_1 + i] = time_of(dm, state)
+            past.closed = -1.0
+            if past.off[i] < 0.0:
+                past.off[i] = time_of(dm, state)
 
 
 @compiled
 def note_landing(dm, past, i, now):
     """End i is back on the plate; returns whether its flight was a long one."""
-    off = past[SCALARS, S_OFF_1 + i]
+    off = past.off[i]
     if off < 0.0:
         return False
-    past[SCALARS, S_OFF_1 + i] = -1.0
+    past.off[i] = -1.0
     hop = now - off
-    past[SCALARS, S_HOP_1 + i] = max(past[SCALARS, S_HOP_1 + i], hop)
-    if hop < HOP_LINE * dm.period:  # it counts as down after all, and crosses the last period boundary at most
-        strobe = STROBES + (int(past[SCALARS, S_STROBES]) + RING - 1) % RING
-        if past[strobe, P_OFF_1 + i] == off:
-            past[strobe, P_OFF_1 + i] = -1.0
+    past.hop[i] = max(past.hop[i], hop)
+    is_long = hop >= HOP_LINE * dm.period
+    if not is_long:  # it counts as down after all, and crosses the last period boundary at most
+        last = past.strobes[strobe(past, 0)]
+        if last.off[i] == off:
+            last.off[i] = -1.0
     if hop < NOTED * dm.period:
         return False
-    is_long = hop >= HOP_LINE * dm.period
-    row = LANDINGS + int(past[SCALARS, S_LANDINGS]) % RING
-    past[row, G_TIME], past[row, G_END], past[row, G_LONG] = now, i, 1.0 if is_long else 0.0
-    past[SCALARS, S_LANDINGS] += 1.0
+    landing = past.landings[int(past.n_landings) % RING]
+    landing.time, landing.end, landing.long = now, i, 1.0 if is_long else 0.0
+    past.n_landings += 1.0
     if is_long:
-        past[SCALARS, S_DOWN_1 + i] -= hop
+        past.long[i] -= hop
     return is_long
 
 
@@ -123,7 +182,7 @@ def note_landings(dm, past, state):
                 long_flight, end = True, i
             elif state[N1 + i] < 0.0 and not long_flight:
                 end = i
-    other_off = past[SCALARS, S_OFF_1 + 1 - end]
+    other_off = past.off[1 - end]
     return end, long_flight and (other_off < 0.0 or now - other_off < HOP_LINE * dm.period)
 
 
@@ -141,9 +200,7 @@ def ends_sticking(dm, a, b):
 
 def double_end(other_sticks, bouncer_sticks):
     """How a double impact ends: the code in ``layout.DI_ENDS``, which names the end that stays down before the bouncer."""
-    if other_sticks:
-        return DI_SK_SK if bouncer_sticks else DI_SK_SP
-    return DI_SP_SK if bouncer_sticks else DI_SP_SP
+    return DI_SP_SP + 2 * other_sticks + bouncer_sticks
 
 
 _ends_sticking, _double_end = compiled(ends_sticking), compiled(double_end)
@@ -157,58 +214,52 @@ def sticks(dm, state, i):
 
 
 @compiled
-def note_impact(dm, state, past, double, i, begins):
+def note_impact(dm, state, past, both, i, begins):
     """Keep the state after an impact that is, begins or continues a double event.
 
     Parameters
     ----------
-    double : bool
+    both : bool
         The impact began with both ends closed.
     i, begins : int, bool
         See `note_landings`.
     """
     now = time_of(dm, state)
-    count = int(past[SCALARS, S_DOUBLES])
-    row = DOUBLES + (count - 1) % RING if count > 0 else DOUBLES
-    burst = count > 0 and now - past[row, DE_TIME] < BURST * dm.period
-    if burst:
-        if not double and past[row, DE_BOUNCER] != i:
+    event = past.doubles[double(past, 0)]
+    if past.n_doubles > 0.0 and now - event.time < BURST * dm.period:
+        if not both and event.bouncer != i:
             return
-        i = int(past[row, DE_BOUNCER])
-    elif double or begins:
-        row = DOUBLES + count % RING
-        past[SCALARS, S_DOUBLES] += 1.0
-        past[row, DE_BOUNCER] = i
+        i = int(event.bouncer)
+    elif both or begins:
+        past.n_doubles += 1.0
+        event = past.doubles[double(past, 0)]
+        event.bouncer = i
     else:
         return
-    past[row, DE_TIME] = now
-    past[row, DE_PHASE] = (state[PHASE] + dm.phi0) / (2.0 * pi) % 1.0
-    past[row, DE_SPEED] = length(state[CA], state[CB])
-    past[row, DE_ZETA] = zeta_of(state[CA], state[CB], i)
-    past[row, DE_THETA] = state[THETA]
-    past[row, DE_SPIN] = state[SPIN]
-    past[row, DE_WB] = state[WB]
-    past[row, DE_END] = _double_end(sticks(dm, state, 1 - i), sticks(dm, state, i))
+    event.time = now
+    event.phase = (state[PHASE] + dm.phi0) / (2.0 * pi) % 1.0
+    event.speed = length(state[CA], state[CB])
+    event.zeta = zeta_of(state[CA], state[CB], i)
+    event.theta, event.spin, event.beta_rate = state[THETA], state[SPIN], state[WB]
+    event.end = _double_end(sticks(dm, state, 1 - i), sticks(dm, state, i))
 
 
 @compiled
 def note_strobe(dm, state, modes, past):
     """Keep the strobe of a period boundary."""
-    scalars = past[SCALARS]
-    row = past[STROBES + int(scalars[S_STROBES]) % RING]
+    past.n_strobes += 1.0
+    row = past.strobes[strobe(past, 0)]
     speed = dm.g / dm.omega
-    length = speed / dm.omega
-    row[P_D1], row[P_D2] = state[D1] / length, state[D2] / length
-    row[P_N1], row[P_N2] = state[N1] / speed, state[N2] / speed
-    row[P_SPIN] = extent(dm)[0] * state[SPIN] / speed
-    row[P_THETA] = state[THETA]
-    row[P_HEADING] = state[THETA] if dm.sideways != 0.0 else 0.0  # else it is of no consequence
-    row[P_DOWN_1], row[P_DOWN_2] = scalars[S_DOWN_1], scalars[S_DOWN_2]
-    row[P_DOUBLES] = scalars[S_DOUBLES]
-    row[P_TIME] = time_of(dm, state)
-    row[P_OFF_1], row[P_OFF_2] = scalars[S_OFF_1], scalars[S_OFF_2]
-    row[P_HOP_1], row[P_HOP_2] = scalars[S_HOP_1], scalars[S_HOP_2]
-    scalars[S_HOP_1] = scalars[S_HOP_2] = 0.0
-    scalars[S_STROBES] += 1.0
-    scalars[S_CLOSED] = scalars[S_CLOSED] + 1.0 if modes[0] != FREE and modes[1] != FREE else 0.0
-    scalars[S_HELD] = scalars[S_HELD] + 1.0 if modes[0] == STICK and modes[1] == STICK else 0.0
+    unit = speed / dm.omega
+    row.x[0], row.x[1] = state[D1] / unit, state[D2] / unit
+    row.x[2], row.x[3] = state[N1] / speed, state[N2] / speed
+    row.spin = extent(dm)[0] * state[SPIN] / speed
+    row.theta = state[THETA]
+    row.heading = state[THETA] if dm.sideways != 0.0 else 0.0  # else it is of no consequence
+    row.doubles = past.n_doubles
+    row.time = time_of(dm, state)
+    for i in range(2):
+        row.long[i], row.off[i], row.hop[i] = past.long[i], past.off[i], past.hop[i]
+        past.hop[i] = 0.0
+    past.closed = past.closed + 1.0 if modes[0] != FREE and modes[1] != FREE else 0.0
+    past.held = past.held + 1.0 if modes[0] == STICK and modes[1] == STICK else 0.0

@@ -21,20 +21,10 @@ geometrically, over SETTLED_PERIODS periods, to below SETTLED_CHANGE.
 """
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import extent
-from dimersweep.kernel.verdict.past import (
-    N_NORMAL,
-    P_HEADING,
-    P_SPIN,
-    RING,
-    RUNS,
-    S_STROBES,
-    SCALARS,
-    STROBES,
-    TRACK_ROW,
-    note_strobe,
-)
-from dimersweep.kernel.verdict.track import T_BEGUN, note_track
+from dimersweep.kernel.model.body import centre
+from dimersweep.kernel.model.layout import THETA
+from dimersweep.kernel.verdict.past import N_NORMAL, note_strobe, strobe, time_of
+from dimersweep.kernel.verdict.track import Point, follow_track
 
 SETTLED_CHANGE = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
 KEPT = 1e-3  # the same of a motion that has settled before: it is not lost at a corner of its family
@@ -43,120 +33,78 @@ FADING = 0.99
 SETTLED_PERIODS = 24  # periods a motion repeats before it counts as settled
 FALL, FALL_STRETCH = 0.5, SETTLED_PERIODS // 3  # what is left of a fast part that falls after so many periods, at most
 MAX_PERIOD = 16
+NO_SPEED = 0.01  # speed in g/omega below which a velocity has no direction
 
 
 @compiled
 def note_period(dm, state, modes, past):
-    """Strobe at a period boundary, count for how long the motion has repeated with each period, and go on with its track."""
+    """Strobe at a period boundary, count for how long the motion has repeated with each period, and go on with its track.
+
+    On a level plate the heading is of no consequence, so that the centre of a circle stands: its place is not wanted.
+    """
     note_strobe(dm, state, modes, past)
     settled = False
     for p in range(1, MAX_PERIOD + 1):
-        past[RUNS, p] = past[RUNS, p] + 1.0 if repeats(past, p) else 0.0
-        settled = settled or past[RUNS, p] >= SETTLED_PERIODS + p
-    if settled or past[TRACK_ROW, T_BEGUN] != 0.0:
-        note_track(dm, state, past)
+        past.runs[p] = past.runs[p] + 1.0 if repeats(past, p) else 0.0
+        settled = settled or has_repeated(past, p)
+    if settled or past.track.begun != 0.0:
+        x, y = centre(dm, state) if dm.sideways != 0.0 else (0.0, 0.0)
+        follow_track(past.track, Point(time_of(dm, state), x, y, state[THETA]), NO_SPEED * dm.g / dm.omega)
+
+
+@compiled
+def has_repeated(past, p):
+    """Whether the motion has repeated with period p for long enough."""
+    return past.runs[p] >= SETTLED_PERIODS + p
 
 
 @compiled
 def repeats(past, p):
     """Whether the motion has come back to where it was p periods ago, but for the creep of its spin and its heading."""
-    if past[SCALARS, S_STROBES] <= p:
+    if past.n_strobes <= p:
         return False
-    line = max(KEPT, slow_change(past, P_HEADING, p, 0)) if past[RUNS, p] >= SETTLED_PERIODS + p else SETTLED_CHANGE
-    return residual(past, p, 0) <= line
+    _, turned = slow_changes(past, p, 0)
+    return residual(past, p, 0) <= (max(KEPT, turned) if has_repeated(past, p) else SETTLED_CHANGE)
 
 
 @compiled
 def residual(past, p, back):
     """How far the strobe `back` periods before the last one is from one that repeats over p periods."""
     moved = change(past, p, back)
-    if past[SCALARS, S_STROBES] <= 2 * p + back or moved <= SETTLED_CHANGE:
+    if past.n_strobes <= 2 * p + back or moved <= SETTLED_CHANGE:
         return moved
-    turned = slow_change(past, P_HEADING, p, back)
-    if moved > max(slow_change(past, P_SPIN, p, back), turned):
+    spun, turned = slow_changes(past, p, back)
+    if moved > max(spun, turned):
         return moved
     return min(moved, SETTLED_PERIODS * max(0.0, fast_change(past, p, back) - turned * moved))
 
 
 @compiled
-def slow_change(past, which, p, back):
-    """How far the spin (P_SPIN) or the heading (P_HEADING) came in p periods, in its unit."""
-    last = int(past[SCALARS, S_STROBES]) - 1 - back
-    return abs(past[STROBES + last % RING, which] - past[STROBES + (last - p) % RING, which])
-
-
-@compiled
-def fast_change(past, p, back):
-    """Second difference of the strobe over p periods: its change less that of the p periods before."""
-    last = int(past[SCALARS, S_STROBES]) - 1 - back
-    row, old = past[STROBES + last % RING], past[STROBES + (last - p) % RING]
-    older = past[STROBES + (last - 2 * p) % RING]
-    apart = 0.0
-    for k in range(N_NORMAL):
-        apart = max(apart, abs(row[k] - 2.0 * old[k] + older[k]))
-    return apart
-
-
-@compiled
-def last_strobe(past, strobe):
-    """Copy the normal state of the last strobe into `strobe`; returns the largest change of an entry of it."""
-    row = past[STROBES + (int(past[SCALARS, S_STROBES]) - 1) % RING]
-    apart = 0.0
-    for k in range(N_NORMAL):
-        apart = max(apart, abs(row[k] - strobe[k]))
-        strobe[k] = row[k]
-    return apart
+def slow_changes(past, p, back):
+    """How far the spin and the heading came in p periods up to `back` periods before the last strobe."""
+    row, old = past.strobes[strobe(past, back)], past.strobes[strobe(past, back + p)]
+    return abs(row.spin - old.spin), abs(row.heading - old.heading)
 
 
 @compiled
 def change(past, p, back):
-    """Change of the strobe over p periods, `back` periods before the last one."""
-    last = int(past[SCALARS, S_STROBES]) - 1 - back
-    row, old = past[STROBES + last % RING], past[STROBES + (last - p) % RING]
+    """Change of the strobe in these periods."""
+    row, old = past.strobes[strobe(past, back)], past.strobes[strobe(past, back + p)]
     apart = 0.0
     for k in range(N_NORMAL):
-        apart = max(apart, abs(row[k] - old[k]))
+        apart = max(apart, abs(row.x[k] - old.x[k]))
     return apart
 
 
 @compiled
-def shortens(past, p):
-    """Whether a motion that repeats with period p does so, or is about to, with a shorter one, a divisor of p."""
-    for q in range(1, p):
-        if p % q == 0 and (
-            past[RUNS, q] >= p
-            or largest_residual(past, q, p, 0) < FADING * largest_residual(past, q, p, SETTLED_PERIODS)
-        ):
-            return True
-    return False
-
-
-@compiled
-def settled_period(past):
-    """Least number of forcing periods with which the motion has repeated long enough, 0 if with none."""
-    for p in range(1, MAX_PERIOD + 1):
-        if past[RUNS, p] >= SETTLED_PERIODS + p and not shortens(past, p):
-            return p
-    return 0
-
-
-@compiled
-def ringing_period(past):
-    """Least number of forcing periods with which the fast part falls geometrically to none, 0 if with none."""
-    for p in range(1, MAX_PERIOD + 1):
-        if rings_down(past, p) and not shortens(past, p):
-            return p
-    return 0
-
-
-@compiled
-def rings_down(past, p):
-    """Whether the fast part falls by FALL from each FALL_STRETCH of the last periods to the next, to below SETTLED_CHANGE."""
-    if past[SCALARS, S_STROBES] < SETTLED_PERIODS + 2 * p:
-        return False
-    older = largest_residual(past, p, FALL_STRETCH, 2 * FALL_STRETCH)
-    old, last = largest_residual(past, p, FALL_STRETCH, FALL_STRETCH), largest_residual(past, p, FALL_STRETCH, 0)
-    return old <= FALL * older and last <= FALL * old and last <= SETTLED_CHANGE
+def fast_change(past, p, back):
+    """Second difference of the strobe: its change in these periods less that in the p periods before."""
+    row, old = past.strobes[strobe(past, back)], past.strobes[strobe(past, back + p)]
+    older = past.strobes[strobe(past, back + 2 * p)]
+    apart = 0.0
+    for k in range(N_NORMAL):
+        apart = max(apart, abs(row.x[k] - 2.0 * old.x[k] + older.x[k]))
+    return apart
 
 
 @compiled
@@ -169,8 +117,46 @@ def largest_residual(past, p, stretch, back):
 
 
 @compiled
-def spin_drift(dm, past, p):
-    """Change of the spin per forcing period over the last periods of a motion of period p [rad/s]."""
-    last, span = int(past[SCALARS, S_STROBES]) - 1, p * (SETTLED_PERIODS // p)
-    change = past[STROBES + last % RING, P_SPIN] - past[STROBES + (last - span) % RING, P_SPIN]
-    return change / span * dm.g / (dm.omega * extent(dm)[0])
+def shortens(past, p):
+    """Whether a motion that repeats with period p does so, or is about to, with a shorter one, a divisor of p."""
+    for q in range(1, p):
+        if p % q == 0 and (
+            past.runs[q] >= p
+            or largest_residual(past, q, p, 0) < FADING * largest_residual(past, q, p, SETTLED_PERIODS)
+        ):
+            return True
+    return False
+
+
+@compiled
+def rings_down(past, p):
+    """Whether the fast part falls by FALL from each FALL_STRETCH of the last periods to the next, to below SETTLED_CHANGE."""
+    if past.n_strobes < SETTLED_PERIODS + 2 * p:
+        return False
+    older = largest_residual(past, p, FALL_STRETCH, 2 * FALL_STRETCH)
+    old, last = largest_residual(past, p, FALL_STRETCH, FALL_STRETCH), largest_residual(past, p, FALL_STRETCH, 0)
+    return old <= FALL * older and last <= FALL * old and last <= SETTLED_CHANGE
+
+
+@compiled
+def settled_period(past, rings):
+    """Least number of forcing periods with which the motion has repeated long enough, 0 if with none; or, where it `rings`,
+    with which the fast part falls geometrically to none.
+    """
+    for p in range(1, MAX_PERIOD + 1):
+        if (rings_down(past, p) if rings else has_repeated(past, p)) and not shortens(past, p):
+            return p
+    return 0
+
+
+@compiled
+def whole(p, n):
+    """So many periods, or as many of them as are whole periods p of the motion, at least one; all where it has none, 0."""
+    return p * max(1, n // p) if p > 0 else n
+
+
+@compiled
+def spin_drift(past, p):
+    """Change of the spin per forcing period over the last periods of a motion of period p [g/(omega r)]."""
+    span = whole(p, SETTLED_PERIODS)
+    return (past.strobes[strobe(past, 0)].spin - past.strobes[strobe(past, span)].spin) / span

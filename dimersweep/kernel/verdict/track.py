@@ -5,11 +5,11 @@ theta turned by a fixed angle. Kept are the last whole turn of the heading and w
 """
 
 from math import nan, pi
+from typing import Annotated, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import TWO_PI, centre
+from dimersweep.kernel.model.body import TWO_PI
 from dimersweep.kernel.model.layout import (
-    THETA,
     TR_ARC,
     TR_CIRCLE,
     TR_CUSPS,
@@ -21,107 +21,125 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import sincos
-from dimersweep.kernel.verdict.past import TRACK_ROW, time_of
 
 TURNED_BACK = 0.1  # turning of the heading [rad] that counts: less is straight, and a reversal comes back by more
 STANDS = 0.01  # speed of a circle's centre, in that of the dimer, below which it stands
-NO_SPEED = 0.01  # speed in g/omega below which a velocity has no direction
 
-# columns of the row of the track
-T_BEGUN, T_KIND, T_U_X, T_U_Y = range(4)  # whether there is one; what it is, and the velocity of its centre [m/s]
-T_TIME, T_X, T_Y, T_HEADING = range(4, 8)  # where the turn began
-T_LAST_TIME, T_LAST_X, T_LAST_Y, T_LAST_HEADING = range(8, 12)  # at the last period boundary
-T_FAR, T_BEND, T_LENGTH, T_CUSP = range(12, 16)  # of the turn: furthest heading, turning of the velocity, path, cusps
-T_V_X, T_V_Y = range(16, 18)  # last mean velocity over a period that has a direction [m/s]
+
+class Point(NamedTuple):
+    """A point of a track, or the way from one to another [s], [m], [rad]."""
+
+    time: float
+    x: float
+    y: float
+    heading: float
+
+
+class Track:
+    """What is kept of a track: what it is, and a turn under way."""
+
+    begun: float  # whether there is one
+    kind: float  # see `layout.TRACKS`
+    u_x: float  # velocity of its centre [m s-1]
+    u_y: float
+    start: Point  # where the turn began
+    last: Point  # at the last period boundary
+    far: float  # of the turn: furthest heading [rad]
+    bend: float  # turning of the velocity [rad]
+    length: float  # of the path [m]
+    cusp: float  # whether it has one
+    v_x: float  # last mean velocity over a period that has a direction [m s-1]
+    v_y: float
+    spare: Annotated[list[float], 6]
 
 
 @compiled
-def note_track(dm, state, past):
-    """Note the place and the heading of a period boundary.
-
-    On a level plate the heading is of no consequence, so that the centre of a circle stands: its place is not wanted.
-    """
-    x, y = 0.0, 0.0
-    if dm.sideways != 0.0:
-        x, y = centre(dm, state)
-    follow_track(past[TRACK_ROW], time_of(dm, state), x, y, state[THETA], NO_SPEED * dm.g / dm.omega)
+def put(now, point):
+    """Write a point of a track into its record."""
+    point.time, point.x, point.y, point.heading = now.time, now.x, now.y, now.heading
 
 
 @compiled
-def follow_track(row, time, x, y, heading, no_speed):
+def way_to(now, point):
+    """The way to a point from one in a record."""
+    return Point(now.time - point.time, now.x - point.x, now.y - point.y, now.heading - point.heading)
+
+
+@compiled
+def follow_track(track, now, no_speed):
     """Take a track on to its next point.
 
     Parameters
     ----------
-    row : float64 array, shape (18,) or longer
-        Of the track, all zeros before its first point; modified in place.
-    time, x, y, heading : float
-        Of the point [s], [m], [rad].
+    track : Track
+        Not begun before its first point; modified in place.
+    now : Point
     no_speed : float
         Speed below which a velocity has no direction [m/s].
     """
-    if row[T_BEGUN] == 0.0:
-        row[T_BEGUN], row[T_KIND], row[T_U_X], row[T_U_Y] = 1.0, TR_NONE, nan, nan
-        begin_turn(row, time, x, y, heading)
+    if track.begun == 0.0:
+        track.begun, track.kind, track.v_x, track.v_y = 1.0, TR_NONE, 0.0, 0.0
+        track.u_x = track.u_y = nan
+        begin_turn(track, now)
     else:
-        note_velocity(row, time, x, y, no_speed)
-        turned = heading - row[T_HEADING]
-        if abs(turned) > abs(row[T_FAR]):
-            row[T_FAR] = turned
+        note_velocity(track, way_to(now, track.last), no_speed)
+        turned = now.heading - track.start.heading
+        if abs(turned) > abs(track.far):
+            track.far = turned
         if abs(turned) >= TWO_PI:
-            end_turn(row, time, x, y, heading)
-            begin_turn(row, time, x, y, heading)
-        elif abs(row[T_FAR]) > TURNED_BACK and abs(row[T_FAR] - turned) > TURNED_BACK:
-            row[T_KIND] = TR_CUSPS if row[T_CUSP] != 0.0 else TR_REVERSALS
-            row[T_U_X], row[T_U_Y] = nan, nan
-            begin_turn(row, time, x, y, heading)
-    row[T_LAST_TIME], row[T_LAST_X], row[T_LAST_Y], row[T_LAST_HEADING] = time, x, y, heading
+            end_turn(track, way_to(now, track.start), way_to(now, track.last))
+            begin_turn(track, now)
+        elif turned_back(track.far, turned):
+            track.kind = TR_CUSPS if track.cusp != 0.0 else TR_REVERSALS
+            track.u_x = track.u_y = nan
+            begin_turn(track, now)
+    put(now, track.last)
 
 
 @compiled
-def begin_turn(row, time, x, y, heading):
+def turned_back(far, turned):
+    """Whether a heading that has turned so `far` from where its turn began, and is at `turned` from there now, comes back."""
+    return abs(far) > TURNED_BACK and abs(far - turned) > TURNED_BACK
+
+
+@compiled
+def begin_turn(track, now):
     """Count a turn from here."""
-    row[T_TIME], row[T_X], row[T_Y], row[T_HEADING] = time, x, y, heading
-    row[T_FAR], row[T_BEND], row[T_LENGTH], row[T_CUSP] = 0.0, 0.0, 0.0, 0.0
+    put(now, track.start)
+    track.far = track.bend = track.length = track.cusp = 0.0
 
 
 @compiled
-def note_velocity(row, time, x, y, no_speed):
-    """Note the mean velocity since the last point: how far it turned, and whether by more than a right angle at once."""
-    s_x, s_y, took = x - row[T_LAST_X], y - row[T_LAST_Y], time - row[T_LAST_TIME]
-    row[T_LENGTH] += length(s_x, s_y)
-    v_x, v_y = s_x / took, s_y / took
+def note_velocity(track, step, no_speed):
+    """Note the mean velocity over a step: how far it turned, and whether by more than a right angle at once."""
+    track.length += length(step.x, step.y)
+    v_x, v_y = step.x / step.time, step.y / step.time
     if length(v_x, v_y) <= no_speed:
         return
-    w_x, w_y = row[T_V_X], row[T_V_Y]
+    w_x, w_y = track.v_x, track.v_y
     if w_x != 0.0 or w_y != 0.0:
         bend = atan2(w_x * v_y - w_y * v_x, w_x * v_x + w_y * v_y)
-        row[T_BEND] += bend
+        track.bend += bend
         if abs(bend) > 0.5 * pi:
-            row[T_CUSP] = 1.0
-    row[T_V_X], row[T_V_Y] = v_x, v_y
+            track.cusp = 1.0
+    track.v_x, track.v_y = v_x, v_y
 
 
 @compiled
-def end_turn(row, time, x, y, heading):
-    """The velocity of the centre over the whole turn that ended since the last point, and what the track was in it."""
-    took, step_took = time - row[T_TIME], time - row[T_LAST_TIME]
-    turned, step = heading - row[T_HEADING], heading - row[T_LAST_HEADING]
-    u_x, u_y = centre_velocity(
-        took, x - row[T_X], y - row[T_Y], turned, step_took, x - row[T_LAST_X], y - row[T_LAST_Y], step
-    )
-    row[T_U_X], row[T_U_Y] = u_x, u_y
-    moved = length(u_x, u_y) * took
-    if row[T_CUSP] != 0.0:
-        row[T_KIND] = TR_CUSPS
-    elif row[T_LENGTH] > 0.0 and abs(turned - row[T_BEND]) > pi:
-        row[T_KIND] = TR_WAVES
+def end_turn(track, way, step):
+    """The velocity of the centre over the whole turn that ended in the last step, and what the track was in it."""
+    track.u_x, track.u_y = centre_velocity(way, step)
+    if track.cusp != 0.0:
+        track.kind = TR_CUSPS
+    elif track.length > 0.0 and abs(way.heading - track.bend) > pi:
+        track.kind = TR_WAVES
     else:
-        row[T_KIND] = TR_LOOPS if moved > STANDS * row[T_LENGTH] else TR_CIRCLE
+        moved = length(track.u_x, track.u_y) * way.time
+        track.kind = TR_LOOPS if moved > STANDS * track.length else TR_CIRCLE
 
 
 @compiled
-def centre_velocity(took, x, y, turned, step_took, step_x, step_y, step):
+def centre_velocity(way, step):
     """Velocity of a circle's centre over a whole turn of the heading, exact where the track is a cycloid [m/s].
 
     The last step goes beyond the turn by an angle `over`. Taken off are the part w of it that does: on a cycloid, where with
@@ -131,40 +149,38 @@ def centre_velocity(took, x, y, turned, step_took, step_x, step_y, step):
 
     Parameters
     ----------
-    took, x, y, turned : float
-        Time, displacement and turning of the heading since the turn began [s], [m], [rad]; it is the first that is whole.
-    step_took, step_x, step_y, step : float
-        Those of the last step.
+    way, step : Point
+        Since the turn began, which is the first that is whole; and the last step of it.
     """
-    over = turned - (TWO_PI if turned > 0.0 else -TWO_PI)
+    over = way.heading - (TWO_PI if way.heading > 0.0 else -TWO_PI)
     sin_over, _ = sincos(0.5 * over)
-    sin_step, _ = sincos(0.5 * step)
-    s, c = sincos(0.5 * (step - over))
+    sin_step, _ = sincos(0.5 * step.heading)
+    s, c = sincos(0.5 * (step.heading - over))
     w_x, w_y = sin_over / sin_step * c, sin_over / sin_step * s
-    z_x, z_y = x - (w_x * step_x - w_y * step_y), y - (w_x * step_y + w_y * step_x)
-    t_x, t_y = took - w_x * step_took, -w_y * step_took
+    z_x, z_y = way.x - (w_x * step.x - w_y * step.y), way.y - (w_x * step.y + w_y * step.x)
+    t_x, t_y = way.time - w_x * step.time, -w_y * step.time
     size = t_x * t_x + t_y * t_y
     return (z_x * t_x + z_y * t_y) / size, (z_y * t_x - z_x * t_y) / size
 
 
 @compiled
-def track_of(row, ahead):
+def track_of(track, ahead):
     """What a track is, and the velocity of the circle's centre over the last whole turn; see `layout.TRACKS`.
 
     The heading turns by the angle `ahead` [rad] in the periods that are left of a run that stopped before: only on a level
     plate does a run that turns do so, and there the centre stands.
     """
-    if row[T_BEGUN] == 0.0:
+    if track.begun == 0.0:
         return TR_NONE, nan, nan
-    turned, far = row[T_LAST_HEADING] - row[T_HEADING] + ahead, row[T_FAR]
+    turned, far = track.last.heading - track.start.heading + ahead, track.far
     if abs(turned) >= TWO_PI:
         return TR_CIRCLE, 0.0, 0.0
     if abs(turned) > abs(far):
         far = turned
-    if abs(far) > TURNED_BACK and abs(far - turned) > TURNED_BACK:
+    if turned_back(far, turned):
         return TR_REVERSALS, nan, nan
-    if row[T_KIND] != TR_NONE:
-        return int(row[T_KIND]), row[T_U_X], row[T_U_Y]
-    if row[T_CUSP] != 0.0:
+    if track.kind != TR_NONE:
+        return int(track.kind), track.u_x, track.u_y
+    if track.cusp != 0.0:
         return TR_CUSPS, nan, nan
     return TR_ARC if abs(far) > TURNED_BACK else TR_STRAIGHT, nan, nan
