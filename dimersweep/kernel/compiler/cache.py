@@ -98,7 +98,12 @@ def save(version: str, name: str, code: bytes) -> None:
                 continue
             folder.mkdir(exist_ok=True)
             (folder / MARK).touch()
-            _write(folder / (name + SUFFIX), _checksum(name, code) + code)
+            scratch = folder / f"{name}.{uuid.uuid4().hex}.tmp"  # another process may write the same
+            try:
+                scratch.write_bytes(_checksum(name, code) + code)
+                scratch.replace(folder / (name + SUFFIX))
+            finally:
+                scratch.unlink(missing_ok=True)
         except OSError:
             continue
         with suppress(OSError):
@@ -112,17 +117,6 @@ def save(version: str, name: str, code: bytes) -> None:
     )
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Write a file at once, whoever else does the same."""
-    scratch = path.with_name(f"{path.name}.{uuid.uuid4().hex}.tmp")
-    try:
-        scratch.write_bytes(content)
-        scratch.replace(path)
-    except OSError:
-        scratch.unlink(missing_ok=True)
-        raise
-
-
 def prune(base: Path, keep: str) -> None:
     """Delete the folders of code below `base`, other than `keep`, that no process has used for 30 days.
 
@@ -130,18 +124,15 @@ def prune(base: Path, keep: str) -> None:
     """
     for folder in base.iterdir():
         mark = folder / MARK
-        ours = _KEY.fullmatch(folder.name) and not folder.is_symlink() and mark.is_file()
+        if folder.name == keep or not _KEY.fullmatch(folder.name) or folder.is_symlink() or not mark.is_file():
+            continue
         with suppress(OSError):  # another process may do the same
-            if ours and folder.name != keep and time.time() - mark.stat().st_mtime > KEPT_SECONDS:
-                _delete(folder)
-
-
-def _delete(folder: Path) -> None:
-    files = list(folder.iterdir())
-    if all(path.is_file() and (path.name == MARK or path.suffix in (SUFFIX, ".tmp")) for path in files):
-        for path in files:
-            path.unlink(missing_ok=True)
-        folder.rmdir()
+            files = list(folder.iterdir())
+            ours = all(path.is_file() and (path == mark or path.suffix in (SUFFIX, ".tmp")) for path in files)
+            if ours and time.time() - mark.stat().st_mtime > KEPT_SECONDS:
+                for path in files:
+                    path.unlink(missing_ok=True)
+                folder.rmdir()
 
 
 class _Kept:

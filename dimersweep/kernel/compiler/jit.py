@@ -5,9 +5,8 @@ what is private in Numba (``linking.py``), and may fail on any other Numba: then
 """
 
 import functools
-import inspect
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -25,13 +24,9 @@ _SETTINGS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 # no reference counts: nothing is allocated, and a part returns no array to code that counts
 _SPARED: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True}
 _njit: Any = numba.njit
+# has an attribute for each setting that this Numba knows
+_known: Any = getattr(getattr(_njit(lambda: None), "targetdescr", None), "options", None)
 _changing = threading.Lock()
-
-
-@functools.cache
-def _known_settings() -> Any:
-    """What has an attribute for each setting that this Numba knows."""
-    return getattr(getattr(_njit(lambda: None), "targetdescr", None), "options", None)
 
 
 class Function:
@@ -42,7 +37,7 @@ class Function:
     def __init__(self, function: Callable[..., Any], **settings: Any) -> None:
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         self.py_func = function
-        spared = {name: value for name, value in (_SPARED | settings).items() if hasattr(_known_settings(), name)}
+        spared = {name: value for name, value in (_SPARED | settings).items() if hasattr(_known, name)}
         self._settings = _SETTINGS | spared
         self._made: dict[str, Any] = {}
 
@@ -83,40 +78,27 @@ class Kernel(Function):
         return kept(super()._make(chosen), code_version(chosen))
 
     def __call__(self, *given: Any) -> Any:
+        """What the kernel returns.
+
+        One that cannot be compiled the fast way is compiled the plain way, as all others from now on. Where that raises, too,
+        the fault is in the call, the sources or the machine, and all is as before.
+        """
         try:
             return self.dispatcher(*given)
         except Exception as error:  # while it is compiled: a kernel raises nothing
-            if asked_way() or self._is_mistaken(error, given):
+            if asked_way() or isinstance(error, (MemoryError, numba.TypingError)):
                 raise
-            return self._call_plainly(error, given)
-
-    def _is_mistaken(self, error: Exception, given: Sequence[Any]) -> bool:
-        """Whether it is the fault of who calls, or of the sources, or of the machine."""
-        try:
-            inspect.signature(self.py_func).bind(*given)
-        except TypeError:
-            return True
-        return isinstance(error, (MemoryError, numba.TypingError))
-
-    def _call_plainly(self, error: Exception, given: Sequence[Any]) -> Any:
-        """What a kernel returns that cannot be compiled the fast way, compiled the plain way as all others from now on.
-
-        Raises
-        ------
-        Exception
-            If it cannot be compiled the plain way either: then the fault is in the call or the sources, and all is as before.
-        """
-        with _changing:
-            if way() == FAST:  # no other thread was here meanwhile
-                take(PLAIN)
-                try:
-                    found = self.dispatcher(*given)
-                except BaseException as other:
-                    take(FAST)
-                    raise other from None
-                give_up(error)
-                return found
-        return self.dispatcher(*given)
+            with _changing:
+                if way() == FAST:  # no other thread was here meanwhile
+                    take(PLAIN)
+                    try:
+                        found = self.dispatcher(*given)
+                    except BaseException as other:
+                        take(FAST)
+                        raise other from None
+                    give_up(error)
+                    return found
+            return self.dispatcher(*given)
 
 
 @typeof_impl.register(Function)

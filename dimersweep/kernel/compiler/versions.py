@@ -7,7 +7,7 @@ made for. The second holds the sources of all modules that a number comes throug
 import hashlib
 import platform
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -32,29 +32,26 @@ BESIDE = ("cli", "exploring", "plots")  # rooms of the package that read cubes, 
 KERNEL = __name__.rpartition(".kernel.")[0] + ".kernel"
 
 
-def sources(folder: Path) -> Iterator[Path]:
-    """The Python sources below `folder`, in order."""
-    return (path for path in sorted(folder.rglob("*.py")) if path.is_file())
+def sources(folder: Path, beside: Collection[str] = ()) -> list[Path]:
+    """The Python sources below `folder`, in order, but for those in the rooms `beside`."""
+    return [path for path in sorted(folder.rglob("*.py")) if path.relative_to(folder).parts[0] not in beside]
 
 
-def sources_digest(folder: Path, files: Iterable[Path] | None = None) -> bytes:
-    """Hash of source files below `folder`, by default all of them, with their paths in it."""
+def sources_digest(folder: Path, beside: Collection[str] = ()) -> bytes:
+    """Hash of these sources, with their paths in it."""
     digest = hashlib.sha256()
-    for path in sources(folder) if files is None else files:
+    for path in sources(folder, beside):
         digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.digest()
 
 
-def result_sources(package: Path) -> list[Path]:
-    """The modules of the package that a number may come through on its way into a cube."""
-    return [path for path in sources(package) if path.relative_to(package).parts[0] not in BESIDE]
-
-
 @cache
 def take_digests() -> tuple[bytes, bytes]:
-    """Hashes of the kernel's sources, and of those of results; to be taken when these are imported: later, files may differ."""
+    """Hashes of the kernel's sources, and of those that a number may come through on its way into a cube; to be taken when
+    these are imported: later, files may differ.
+    """
     kernel, package = (Path(str(sys.modules[name].__file__)).parent for name in (KERNEL, __name__.partition(".")[0]))
-    return sources_digest(kernel), sources_digest(package, result_sources(package))
+    return sources_digest(kernel), sources_digest(package, BESIDE)
 
 
 def target(common: bool = True) -> tuple[str, str]:
