@@ -17,6 +17,7 @@ from dimersweep.kernel.model.layout import (
     M_DRIFT,
     M_FAILED,
     M_UNRESOLVED,
+    N_ROW,
     N_STATE,
     OK,
     PERIOD,
@@ -86,7 +87,8 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
             if apart:
                 code.mode = M_APERIODIC
         elif code.mode == M_DRIFT:
-            status = note_path(dm, rows[k], ask, run, later, space, kept, outcome)
+            copy(rows[k], space.row, N_ROW)
+            status = note_path(dm, ask, run, later, space, kept, outcome)
         if status == STOPPED:
             note_failure(status, outcome, code)
         if code.status == STOPPED:

@@ -11,7 +11,6 @@ from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.model.body import TWO_PI, centre, set_dimer
 from dimersweep.kernel.model.layout import (
     GAMMA,
-    N_ROW,
     N_STATE,
     OK,
     PERIOD,
@@ -31,7 +30,7 @@ ARCS = 4  # parts of a forcing period: with these the radius of the base case's 
 
 
 @compiled
-def note_path(dm, row, ask, run, later, space, record, out):
+def note_path(dm, ask, run, later, space, record, out):
     """Radius and speed of a drift's mean path into its outcome, from the forcing period that follows the run.
 
     The period is cut in ARCS parts, and their chords are turned back, by the precession up to the middle of each of them.
@@ -42,9 +41,8 @@ def note_path(dm, row, ask, run, later, space, record, out):
     ----------
     run, later : Motion
         The run at its end, which stays as it is, and the one that is followed on from there.
-    row : float64 array, shape (N_ROW,)
     space : Workspace
-        Scratch; the run stands in it.
+        Scratch; the run stands in it, and its parameters, which change.
     record : Record
         Without rows.
 
@@ -56,7 +54,6 @@ def note_path(dm, row, ask, run, later, space, record, out):
     state, moved = later.state, space.later_dimer
     copy(run.state, state, N_STATE)
     copy(run.modes, later.modes, 2)
-    copy(row, space.row, N_ROW)
     state[X1] = state[Y1] = state[GAMMA] = 0.0  # only how far they go counts
     begin_past(later.past[0])
     step, part = out.orbit[V_RATE] * dm.period / ARCS, TWO_PI / ARCS

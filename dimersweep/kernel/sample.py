@@ -86,7 +86,7 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes):
         status = OK
         if 0.0 <= span < HOPS_LAST * segment[SEGMENT_HOP_TIME]:
             copy(row, space.row, N_ROW)
-            status = follow_hops(dm, space.later_dimer, space.row, segment, motion, span, rtol, record)
+            status = follow_hops(dm, space, segment, motion, span, rtol, record)
         elif span > 0.0 and modes[k, 0] == FREE and modes[k, 1] == FREE:
             fly(dm, take_off(dm, state), state, span, True)
         elif span > 0.0:
@@ -131,11 +131,11 @@ def forces_at(row, states, modes, rtol, space, forces):
 
 
 @compiled
-def follow_hops(dm, later_dm, row, segment, motion, span, rtol, record):
+def follow_hops(dm, space, segment, motion, span, rtol, record):
     """Move the state on by a time from the close of a chatter, through the hops that were summed there; returns a status.
 
-    The plate's phase is counted anew, so that a forcing period ends at the time wanted; the row changes accordingly, and
-    `later_dm` is filled in from it.
+    The plate's phase is counted anew, so that a forcing period ends at the time wanted; the row of the workspace changes
+    accordingly, and its later dimer is filled in from it.
     """
     state, modes = motion.state, motion.modes
     for k in range(N1, CB + 1):
@@ -147,10 +147,10 @@ def follow_hops(dm, later_dm, row, segment, motion, span, rtol, record):
         return OK
     start, periods = state[PHASE], state[PERIOD]
     state[PHASE], state[PERIOD] = TWO_PI - dm.omega * span, 0.0
-    start_later(row, start - state[PHASE])
+    start_later(space.row, start - state[PHASE])
     begin_past(motion.past[0])
-    set_dimer(row, later_dm)
-    status, _ = evolve(later_dm, Ask(1, rtol, rtol**3, False, True), motion, record)
+    set_dimer(space.row, space.later_dimer)
+    status, _ = evolve(space.later_dimer, Ask(1, rtol, rtol**3, False, True), motion, record)
     state[PHASE], state[PERIOD] = start + dm.omega * span, periods
     return status
 

@@ -40,7 +40,7 @@ def made(d=0.0, n=0.0, g=9.81, swing=(0.0, 0.0), Omega=0.0, plate=(0.0, 0.0), om
     """A flight of p1 from its constants; p2 is far away."""
     c1, c2 = swing
     bound = h * Omega**4 * sqrt(c1**2 + c2**2) + omega**4 * sqrt(plate[0] ** 2 + plate[1] ** 2)
-    return Flight(d, 1.0, n, 0.0, g, -h, h, Omega, c1, c2, Sway(omega, *plate, 0.0, 0.0), bound)
+    return Flight(d, 1.0, n, 0.0, g, -h, h, Omega, c1, c2, Sway(omega, *plate, 0.0, 0.0), bound, 0.0, 1.0, (0.0,) * 3)
 
 
 def random_flight(rng, k):

@@ -17,11 +17,10 @@ import numba
 import numpy as np
 
 COMPILER = Path(find_spec("dimersweep").submodule_search_locations[0], "kernel", "compiler")
-FAST = ("linking",)  # the modules that take what is private
 
 
 class Without:
-    """A module or a class that lacks one name."""
+    """A module that lacks one name."""
 
     def __init__(self, whole, name):
         self.__dict__ |= {"_whole": whole, "_gone": name}
@@ -32,55 +31,16 @@ class Without:
         return getattr(self._whole, name)
 
 
-def imports(tree):
-    """What a module imports of Numba: the module it is in, its name there, and that here."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in ("numba", "llvmlite"):
-            yield from ((node.module, each.name, each.asname or each.name) for each in node.names)
-
-
-def stands_for(tree):
-    """Names that are given to imported ones, such as those of Any in place of a type."""
-    plain = (node for node in ast.walk(tree) if isinstance(node, ast.AnnAssign) and isinstance(node.value, ast.Name))
-    return {node.target.id: node.value.id for node in plain}
-
-
-def attributes(tree):
-    """Names that are read or patched of what is imported: pairs of the name here and the attribute."""
-    other = stands_for(tree)
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            yield other.get(node.value.id, node.value.id), node.attr
-        if isinstance(node, ast.Tuple) and len(node.elts) == 3 and isinstance(node.elts[1], ast.Constant):
-            owner = node.elts[0]
-            if isinstance(owner, ast.Name):
-                yield other.get(owner.id, owner.id), node.elts[1].value
-
-
 def parts():
-    """Each private part of Numba that the fast way takes: its module, its name, and an attribute of it or None."""
-    found = set()
-    for name in FAST:
-        tree = ast.parse((COMPILER / f"{name}.py").read_text())
-        known = {here: (module, there) for module, there, here in imports(tree)}
-        bases = {base.id for node in ast.walk(tree) if isinstance(node, ast.ClassDef) for base in node.bases}
-        bases = {stands_for(tree).get(base, base) for base in bases}  # a class without a name cannot be made
-        found |= {(*place, None) for place in known.values()}
-        found |= {(*known[here], name) for here, name in attributes(tree) if here in known and here not in bases}
-    return sorted(found, key=str)
+    """Each private part of Numba that the fast way takes: its module, and its name there."""
+    tree = ast.parse((COMPILER / "linking.py").read_text())
+    taken = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module.startswith("numba.")]
+    return sorted((node.module, each.name) for node in taken for each in node.names)
 
 
-def hide(module, name, attribute):
-    """Have the fast way find no `name` in a module, or no `attribute` of it; Numba itself keeps what it has."""
-    home = import_module(module)
-    whole = getattr(home, name)
-    lacking = Without(home, name)
-    if attribute is not None:
-        lacking.__dict__["_gone"] = None
-        lacking.__dict__[name] = Without(whole, attribute)
-    elif f"{module}.{name}" in sys.modules:
-        sys.modules[f"{module}.{name}"] = None
-    sys.modules[module] = lacking
+def hide(module, name):
+    """Have the fast way find no `name` in a module; Numba itself keeps what it has."""
+    sys.modules[module] = Without(import_module(module), name)
 
 
 FAILING = (  # what is made to raise while a kernel is compiled
@@ -161,9 +121,7 @@ def main(kind):
             in_fork(f"{folder}/{place}", failing=place)
             in_fork(f"{folder}/{place}")
         in_fork(f"{folder}/asked", {"DIMERSWEEP_COMPILER": "fast"}, failing=FAILING[0])
-        in_fork(
-            f"{folder}/asked", {"DIMERSWEEP_COMPILER": "fast"}, hidden=("numba.core.compiler", "CompilerBase", None)
-        )
+        in_fork(f"{folder}/asked", {"DIMERSWEEP_COMPILER": "fast"}, hidden=("numba.core.compiler", "CompilerBase"))
         in_fork(f"{folder}/asked", {"DIMERSWEEP_COMPILER": "plain"})
         in_fork(f"{folder}/wrong", wrong=True)
 

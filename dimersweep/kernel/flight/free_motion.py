@@ -47,6 +47,9 @@ class Flight(NamedTuple):
     c2: float
     sway: Any  # the plate from the start on
     bound4: float  # bound of the fourth time derivative of either gap
+    sin_b: float  # of the dip angle at the start
+    cos_b: float
+    L: Any  # angular momentum over J_t in the frame (a, b, n) of the heading at the start [rad s-1]
 
 
 @compiled
@@ -64,11 +67,11 @@ def angular_momentum(dm, state, sin_b, cos_b):
 def take_off(dm, state):
     """Flight that starts from a state."""
     sin_b, cos_b = attitude(dm, state[DIP])
-    L_a, L_b, L_n = angular_momentum(dm, state, sin_b, cos_b)
-    Omega = sqrt(L_a * L_a + L_b * L_b + L_n * L_n)
+    L = angular_momentum(dm, state, sin_b, cos_b)
+    Omega = sqrt(L[0] * L[0] + L[1] * L[1] + L[2] * L[2])
     c1, c2 = 0.0, 0.0
     if Omega > 0.0:
-        c1 = sin_b - dm.J_a / dm.J_t * state[SPIN] * L_n / (Omega * Omega)
+        c1 = sin_b - dm.J_a / dm.J_t * state[SPIN] * L[2] / (Omega * Omega)
         c2 = cos_b * state[WB] / Omega
     O2 = Omega * Omega
     return Flight(
@@ -84,6 +87,9 @@ def take_off(dm, state):
         c2,
         sway_from(dm, state[PHASE] + dm.phi0),
         max(-dm.p1.h, dm.p2.h) * O2 * O2 * sqrt(c1 * c1 + c2 * c2) + snap_bound(dm),
+        sin_b,
+        cos_b,
+        L,
     )
 
 
@@ -95,22 +101,13 @@ def gap_series(fl, i, t):
     kx = one_minus_cos(sx, cx)
     d, n, h = (fl.d_1, fl.n_1, fl.h_1) if i == 0 else (fl.d_2, fl.n_2, fl.h_2)
     O2 = h * fl.Omega * fl.Omega
-    return over_plate(
-        fl.sway,
-        t,
+    over = (
         d + (n - 0.5 * fl.g * t) * t - h * (fl.c1 * kx + fl.c2 * x_minus_sin(x, sx)),
         n - fl.g * t - h * fl.Omega * (fl.c1 * sx + fl.c2 * kx),
         -fl.g - O2 * (fl.c1 * cx + fl.c2 * sx),
         -O2 * fl.Omega * (fl.c2 * cx - fl.c1 * sx),
     )
-
-
-@compiled
-def heading_of(kappa, L_a, L_b, Omega, u_a, v_a, v_b, x):
-    """Horizontal components of the axis u after turning by x about L (v = u'/Omega at the start)."""
-    s, c = sincos(x)
-    par_a, par_b = kappa * L_a / Omega, kappa * L_b / Omega
-    return par_a + (u_a - par_a) * c + v_a * s, par_b * (1.0 - c) + v_b * s
+    return over_plate(fl.sway, t, over)
 
 
 @compiled(inline=True)
@@ -152,8 +149,7 @@ def fly(dm, fl, state, t, path):
     path : bool
         Whether the cyclic coordinates x1, y1, gamma are wanted (theta always is).
     """
-    sin_b, cos_b = attitude(dm, state[DIP])
-    L_a, L_b, L_n = angular_momentum(dm, state, sin_b, cos_b)
+    sin_b, cos_b, (L_a, L_b, L_n) = fl.sin_b, fl.cos_b, fl.L
     gap_1, rate_1, _, _ = gap_series(fl, 0, t)
     gap_2, rate_2, _, _ = gap_series(fl, 1, t)
     u_a, u_b, rise = cos_b, 0.0, lift(dm, state[DIP])
@@ -162,14 +158,15 @@ def fly(dm, fl, state, t, path):
         kappa = dm.J_a / dm.J_t * state[SPIN] / fl.Omega
         v_a, v_b = -sin_b * state[WB] / fl.Omega, -state[WP] / fl.Omega
         x = fl.Omega * t
-        u_a, u_b = heading_of(kappa, L_a, L_b, fl.Omega, cos_b, v_a, v_b, x)
-        turn = turn_of_heading(kappa, L_n, fl.Omega, x, atan2(cos_b * u_b, cos_b * u_a))
         s, c = sincos(x)
+        par_a, par_b = kappa * L_a / fl.Omega, kappa * L_b / fl.Omega
+        u_a, u_b = par_a + (u_a - par_a) * c + v_a * s, par_b * (1.0 - c) + v_b * s
+        turn = turn_of_heading(kappa, L_n, fl.Omega, x, atan2(cos_b * u_b, cos_b * u_a))
         rise += -fl.c1 * one_minus_cos(s, c) + fl.c2 * s
     new_cos, u_n = length(u_a, u_b), dm.sin_0 + rise
     co, si = (u_a / new_cos, u_b / new_cos) if new_cos > 0.0 else (1.0, 0.0)
     if path:
-        advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, u_a - cos_b, u_b, u_n, co, si)
+        advance_path(dm, fl, state, t, turn, (u_a, u_b, u_n), (co, si))
     if dm.sideways != 0.0:
         swing_along(dm, state, t, path)
     c_a, c_b = state[CA], state[CB]
@@ -203,11 +200,15 @@ def swing_along(dm, state, t, path):
 
 
 @compiled
-def advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, du_a, du_b, u_n, co, si):
-    """Advance x1, y1 and the spinning angle gamma over a flight, in place (the state is still the one of its start)."""
+def advance_path(dm, fl, state, t, turn, u, new):
+    """Advance x1, y1 and the spinning angle gamma over a flight, in place (the state is still the one of its start).
+
+    At its end the axis is u, in the frame of the heading at the start, and `new` are cosine and sine of the new heading there.
+    """
     sin_t, cos_t = sincos(state[THETA])
-    s_a = state[CA] * t + dm.p1.h * du_a
-    s_b = state[CB] * t + dm.p1.h * du_b
+    (u_a, u_b, u_n), (co, si) = u, new
+    s_a = state[CA] * t + dm.p1.h * (u_a - fl.cos_b)
+    s_b = state[CB] * t + dm.p1.h * u_b
     state[X1] += -s_a * sin_t + s_b * cos_t
     state[Y1] += s_a * cos_t + s_b * sin_t
     spin = state[SPIN]
@@ -218,7 +219,7 @@ def advance_path(dm, fl, state, t, turn, L_a, L_b, L_n, du_a, du_b, u_n, co, si)
     x = fl.Omega * t
     s, c = sincos(x)
     k = one_minus_cos(s, c)
-    l_a, l_b, l_n = L_a / fl.Omega, L_b / fl.Omega, L_n / fl.Omega
+    l_a, l_b, l_n = fl.L[0] / fl.Omega, fl.L[1] / fl.Omega, fl.L[2] / fl.Omega
     b_a = l_n * s + l_a * l_b * k
     b_b = 1.0 - k + l_b * l_b * k
     b_n = -l_a * s + l_n * l_b * k

@@ -222,11 +222,19 @@ def bound_of_acceleration(sway):
 
 
 @compiled(inline=True)
-def less_harmonic(omega, s, c, y, sy, cy, height, rate, second, third):
-    """A height and its first three time derivatives less those of one harmonic, an angle y = omega t after the start.
+def less_harmonic(omega, s, c, angle, over):
+    """A height and its first three time derivatives less those of one harmonic, an `angle` omega t after the start.
 
     Of the harmonic only counts what its height and its rate at the start do not foretell.
+
+    Parameters
+    ----------
+    angle : (float, float, float)
+        With its sine and its cosine.
+    over : tuple of 4 float
     """
+    y, sy, cy = angle
+    height, rate, second, third = over
     k = one_minus_cos(sy, cy)
     w2 = omega * omega
     return (
@@ -238,21 +246,20 @@ def less_harmonic(omega, s, c, y, sy, cy, height, rate, second, third):
 
 
 @compiled
-def less_second_harmonic(sway, y, sy, cy, height, rate, second, third):
-    """A height and its derivatives less those of the plate's second harmonic, an angle y of the first one after the start."""
-    omega, s_2, c_2 = 2.0 * sway.omega, 2.0 * sy * cy, 1.0 - 2.0 * sy * sy
-    return less_harmonic(omega, sway.s_2, sway.c_2, 2.0 * y, s_2, c_2, height, rate, second, third)
+def less_second_harmonic(sway, angle, over):
+    """A height and its derivatives less those of the plate's second harmonic, an `angle` of the first one after the start."""
+    y, sy, cy = angle
+    twice = 2.0 * y, 2.0 * sy * cy, 1.0 - 2.0 * sy * sy
+    return less_harmonic(2.0 * sway.omega, sway.s_2, sway.c_2, twice, over)
 
 
 @compiled(inline=True)
-def over_plate(sway, t, height, rate, second, third):
+def over_plate(sway, t, over):
     """Height over the plate and its first three time derivatives, from those over one that goes on at its first rate."""
     y = sway.omega * t
     sy, cy = sincos(y)
-    height, rate, second, third = less_harmonic(sway.omega, sway.s, sway.c, y, sy, cy, height, rate, second, third)
-    if sway.s_2 != 0.0 or sway.c_2 != 0.0:
-        return less_second_harmonic(sway, y, sy, cy, height, rate, second, third)
-    return height, rate, second, third
+    over = less_harmonic(sway.omega, sway.s, sway.c, (y, sy, cy), over)
+    return over if sway.s_2 == 0.0 and sway.c_2 == 0.0 else less_second_harmonic(sway, (y, sy, cy), over)
 
 
 def phases_later(phi0, phi_2, by):
