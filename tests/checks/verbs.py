@@ -13,13 +13,11 @@ from dimersweep.kernel.course import motion_of, new_work, new_workspace
 from dimersweep.kernel.flight import free_motion, landing
 from dimersweep.kernel.impact import double_equations, impact, single_impact
 from dimersweep.kernel.model import body, event_row, friction, plate
-from dimersweep.kernel.model.layout import DIP, N_STATE, State
+from dimersweep.kernel.model.layout import DIP, State
 from dimersweep.kernel.numerics import elementary
 from dimersweep.kernel.numerics import sincos as sines
 from dimersweep.kernel.verdict import track
 from dimersweep.parameters import Parameters
-
-AT = State(*range(N_STATE))  # the slots of a state, by name
 
 
 def called(verb):

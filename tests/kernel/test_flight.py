@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from dimersweep.kernel.model.layout import N_STATE
-from tests.checks.verbs import AT, angular_momentum, dimer, fly, gap_series, oracle_state, state_of, take_off
+from dimersweep.kernel.model.layout import AT, N_STATE
+from tests.checks.verbs import angular_momentum, dimer, fly, gap_series, oracle_state, state_of, take_off
 from tests.oracle import body
 from tests.oracle.contact import Instant, State
 

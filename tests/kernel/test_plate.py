@@ -11,10 +11,9 @@ import pytest
 from dimersweep.kernel.compiler.jit import plain
 from dimersweep.kernel.model import plate as plate_of
 from dimersweep.kernel.model.body import dimer_of
-from dimersweep.kernel.model.layout import FREE, N_STATE, ROW_PHI0, ROW_PHI_2, SLIP, STICK
+from dimersweep.kernel.model.layout import AT, FREE, N_STATE, ROW_PHI0, ROW_PHI_2, SLIP, STICK
 from dimersweep.kernel.model.plate import motion, motion_along, phases_later
 from tests.checks.verbs import (
-    AT,
     along_plate,
     dimer,
     effective_gravity,

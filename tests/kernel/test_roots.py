@@ -9,9 +9,9 @@ from scipy.optimize import brentq
 
 from dimersweep.kernel.flight.free_motion import Flight
 from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES
-from dimersweep.kernel.model.layout import N_STATE
+from dimersweep.kernel.model.layout import AT, N_STATE
 from dimersweep.kernel.model.plate import Sway
-from tests.checks.verbs import AT, dimer, first_landing, gap_series, next_landing, take_off
+from tests.checks.verbs import dimer, first_landing, gap_series, next_landing, take_off
 
 FEW = 60  # probes that even a hard case should not take
 

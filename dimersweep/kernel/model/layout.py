@@ -1,5 +1,6 @@
 """Slots and codes: what stands where in the kernel's flat arrays, and the names, units and meanings of what comes out."""
 
+from collections import namedtuple
 from dataclasses import dataclass, field, fields
 from math import inf, nan, pi
 from typing import Annotated, Any, NamedTuple
@@ -116,6 +117,7 @@ class State(NamedTuple):
 
 
 N_STATE = len(State._fields)
+AT = State(*range(N_STATE))  # the slots by name: ``state[AT.d1]``
 PHASE, D1, D2, N1, N2, DIP, WB, WP, SPIN, CA, CB, THETA, X1, Y1, GAMMA, PERIOD = range(N_STATE)
 
 # --- friction modes of an end ---------------------------------------------------------------------------------------
@@ -168,7 +170,7 @@ DI_NONE, DI_SP_SP, DI_SP_SK, DI_SK_SP, DI_SK_SK = range(5)
 
 # --- what a settled motion draws on the plate (``verdict.track``) -----------------------------------------------------
 TRACKS = ("none", "straight", "arc", "circle", "loops", "waves", "cusps", "reversals")
-TR_NONE, TR_STRAIGHT, TR_ARC, TR_CIRCLE, TR_LOOPS, TR_WAVES, TR_CUSPS, TR_REVERSALS = range(8)
+TRACK: Any = namedtuple("TRACK", TRACKS)(*range(8))
 
 # --- outcome of one run: a row of integers and a row of floats, which are columns of cubes and attributes of runs -------
 

@@ -10,6 +10,7 @@ from math import copysign, nan, pi
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import extent
 from dimersweep.kernel.model.layout import (
+    AT,
     DI_NONE,
     M_DRIFT,
     M_FLUTTER,
@@ -20,14 +21,12 @@ from dimersweep.kernel.model.layout import (
     M_SLIDES,
     M_UNRESOLVED,
     N_ORBIT,
-    THETA,
-    TR_NONE,
+    TRACK,
     V_PHASE,
     V_RADIUS,
     V_RATE,
     V_SPEED,
     V_ZETA,
-    WP,
 )
 from dimersweep.kernel.model.plate import keeps_speed
 from dimersweep.kernel.verdict.past import RING, double, strobe
@@ -102,7 +101,7 @@ def mode_on_the_plate(dm, state, past, at_rest):
         return M_REST
     if past.held < STAYS:
         return M_SLIDES
-    return M_REST if keeps_speed(dm, state[THETA], state[WP]) else M_ROLLS
+    return M_REST if keeps_speed(dm, state[AT.theta], state[AT.wp]) else M_ROLLS
 
 
 @compiled
@@ -268,7 +267,7 @@ def heading_pace(past, p):
 @compiled
 def clear_outcome(codes, out):
     """No verdict: no number has a meaning."""
-    codes.mode, codes.mode_period, codes.di_end, codes.track = M_UNRESOLVED, 0, DI_NONE, TR_NONE
+    codes.mode, codes.mode_period, codes.di_end, codes.track = M_UNRESOLVED, 0, DI_NONE, TRACK.none
     for k in range(N_ORBIT):
         out.orbit[k] = out.drift[k] = nan
     out.spin = out.beta_rate_after = out.path_radius = out.path_speed = nan

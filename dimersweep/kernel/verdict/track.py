@@ -9,16 +9,7 @@ from typing import Annotated, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import TWO_PI
-from dimersweep.kernel.model.layout import (
-    TR_ARC,
-    TR_CIRCLE,
-    TR_CUSPS,
-    TR_LOOPS,
-    TR_NONE,
-    TR_REVERSALS,
-    TR_STRAIGHT,
-    TR_WAVES,
-)
+from dimersweep.kernel.model.layout import TRACK
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import sincos
 
@@ -78,7 +69,7 @@ def follow_track(track, now, no_speed):
         Speed below which a velocity has no direction [m/s].
     """
     if track.begun == 0.0:
-        track.begun, track.kind, track.v_x, track.v_y = 1.0, TR_NONE, 0.0, 0.0
+        track.begun, track.kind, track.v_x, track.v_y = 1.0, TRACK.none, 0.0, 0.0
         track.u_x = track.u_y = nan
         begin_turn(track, now)
     else:
@@ -90,7 +81,7 @@ def follow_track(track, now, no_speed):
             end_turn(track, way_to(now, track.start), way_to(now, track.last))
             begin_turn(track, now)
         elif turned_back(track.far, turned):
-            track.kind = TR_CUSPS if track.cusp != 0.0 else TR_REVERSALS
+            track.kind = TRACK.cusps if track.cusp != 0.0 else TRACK.reversals
             track.u_x = track.u_y = nan
             begin_turn(track, now)
     put(now, track.last)
@@ -130,12 +121,12 @@ def end_turn(track, way, step):
     """The velocity of the centre over the whole turn that ended in the last step, and what the track was in it."""
     track.u_x, track.u_y = centre_velocity(way, step)
     if track.cusp != 0.0:
-        track.kind = TR_CUSPS
+        track.kind = TRACK.cusps
     elif track.length > 0.0 and abs(way.heading - track.bend) > pi:
-        track.kind = TR_WAVES
+        track.kind = TRACK.waves
     else:
         moved = length(track.u_x, track.u_y) * way.time
-        track.kind = TR_LOOPS if moved > STANDS * track.length else TR_CIRCLE
+        track.kind = TRACK.loops if moved > STANDS * track.length else TRACK.circle
 
 
 @compiled
@@ -171,16 +162,16 @@ def track_of(track, ahead):
     plate does a run that turns do so, and there the centre stands.
     """
     if track.begun == 0.0:
-        return TR_NONE, nan, nan
+        return TRACK.none, nan, nan
     turned, far = track.last.heading - track.start.heading + ahead, track.far
     if abs(turned) >= TWO_PI:
-        return TR_CIRCLE, 0.0, 0.0
+        return TRACK.circle, 0.0, 0.0
     if abs(turned) > abs(far):
         far = turned
     if turned_back(far, turned):
-        return TR_REVERSALS, nan, nan
-    if track.kind != TR_NONE:
+        return TRACK.reversals, nan, nan
+    if track.kind != TRACK.none:
         return int(track.kind), track.u_x, track.u_y
     if track.cusp != 0.0:
-        return TR_CUSPS, nan, nan
-    return TR_ARC if abs(far) > TURNED_BACK else TR_STRAIGHT, nan, nan
+        return TRACK.cusps, nan, nan
+    return TRACK.arc if abs(far) > TURNED_BACK else TRACK.straight, nan, nan
