@@ -121,18 +121,15 @@ def clear_slip(dm, modes, y):
         y[Y.w_p] = turn_of_pair(dm, y[Y.u_b], y[Y.spin])
 
 
-@compiled
-def scene_energy(dm, state):
-    """Energy of the motion and of the plate, in which works count [J]."""
-    return kinetic(dm, state) + 0.5 * dm.m * (speed_bound(dm) ** 2 + dm.v_scale**2)
-
-
 @compiled(inline=True)
 def follow_contact(dm, ask, motion):
     """Follow the contact phase to its next event, or to the end of the forcing period; returns the event."""
     state, y, span = motion.state, motion.contact, (TWO_PI - motion.state[PHASE]) / dm.omega
     if motion.work.course[0].tally.wanted:
-        motion.work.control[0].doubt = max(FINER * ask.rtol, FINEST) * scene_energy(dm, state)
+        energy = kinetic(dm, state) + 0.5 * dm.m * (
+            speed_bound(dm) ** 2 + dm.v_scale**2
+        )  # of the motion and of the plate
+        motion.work.control[0].doubt = max(FINER * ask.rtol, FINEST) * energy
         begin_phase(y, motion.work)
     t, event = sustain_contact(dm, contact_of(dm, motion), span, ask.path, ask.rtol, True, motion.work)
     if event == LANDING:

@@ -8,15 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dimersweep.cubes.cube import blank
 from dimersweep.errors import KernelError
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.model.layout import (
-    CODE_MODE,
-    MODES,
-    N_CODES,
-    N_OUT,
-    OUT,
-)
+from dimersweep.kernel.model.layout import CODE_MODE, MODES, OUT
 from dimersweep.parameters import Parameters
 
 CLOSE = 1e-4  # relative; the numbers are known to 1e-7, and a kernel that is damaged is far off
@@ -80,7 +75,7 @@ def proof() -> None:
 def outcomes() -> tuple[np.ndarray, np.ndarray]:
     """What `SCENES` come to, as the kernel gives it: shapes (n, N_OUT) and (n, N_CODES)."""
     rows = np.array([Parameters(**scene.parameters).row() for scene in SCENES])
-    out, codes = np.full((len(rows), N_OUT), np.nan), np.zeros((len(rows), N_CODES), dtype=np.int64)
+    out, codes = blank(len(rows))
     run_many(rows, PROOF_PERIODS, PROOF_RTOL, True, out, codes)
     return out, codes
 

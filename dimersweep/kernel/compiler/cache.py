@@ -91,30 +91,30 @@ def save(version: str, name: str, code: bytes) -> None:
     Where no folder can be written, one line says so, and the next process compiles again.
     """
     for base in base_folders():
-        folder = base / version
-        try:
-            base.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if not _is_trusted(base):
-                continue
-            folder.mkdir(exist_ok=True)
-            (folder / MARK).touch()
-            scratch = folder / f"{name}.{uuid.uuid4().hex}.tmp"  # another process may write the same
-            try:
-                scratch.write_bytes(_checksum(name, code) + code)
-                scratch.replace(folder / (name + SUFFIX))
-            finally:
-                scratch.unlink(missing_ok=True)
-        except OSError:
-            continue
         with suppress(OSError):
-            prune(base, keep=version)
-        return
+            base.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if _is_trusted(base):
+                _write(base / version, name, code)
+                prune(base, keep=version)
+                return
     tried = " or ".join(str(base) for base in base_folders())
     warnings.warn(
         f"compiled code cannot be kept in {tried}, so every process compiles; NUMBA_CACHE_DIR names another folder",
         RuntimeWarning,
         stacklevel=2,
     )
+
+
+def _write(folder: Path, name: str, code: bytes) -> None:
+    """Keep code in a folder at once, whoever else does the same."""
+    folder.mkdir(exist_ok=True)
+    (folder / MARK).touch()
+    scratch = folder / f"{name}.{uuid.uuid4().hex}.tmp"
+    try:
+        scratch.write_bytes(_checksum(name, code) + code)
+        scratch.replace(folder / (name + SUFFIX))
+    finally:
+        scratch.unlink(missing_ok=True)
 
 
 def prune(base: Path, keep: str) -> None:

@@ -29,10 +29,12 @@ _known: Any = getattr(getattr(_njit(lambda: None), "targetdescr", None), "option
 _changing = threading.Lock()
 
 
-class Function:
-    """A function that is compiled, in the way that is gone by the time when it is called or compiled into another one."""
+class Part:
+    """A function that is compiled, in the way that is gone by the time when that is done, into those that call it: for Python
+    nothing is made of it.
+    """
 
-    compiler = ""  # the class that compiles it the fast way
+    compiler = "PartCompiler"  # the class that compiles it the fast way
 
     def __init__(self, function: Callable[..., Any], **settings: Any) -> None:
         self.__name__, self.__doc__ = function.__name__, function.__doc__
@@ -56,20 +58,14 @@ class Function:
             settings = settings | {"pipeline_class": getattr(linking, self.compiler)}
         return _without_literals(_njit(**settings)(self.py_func))
 
+    def __call__(self, *_: Any) -> Any:
+        raise TypeError(f"{self.py_func.__qualname__}: called by compiled code only")
+
     def __reduce__(self) -> str:
         return self.py_func.__qualname__
 
 
-class Part(Function):
-    """A function that only compiled code calls: for Python nothing is made of it."""
-
-    compiler = "PartCompiler"
-
-    def __call__(self, *_: Any) -> Any:
-        raise TypeError(f"{self.py_func.__qualname__}: called by compiled code only")
-
-
-class Kernel(Function):
+class Kernel(Part):
     """A function that Python calls."""
 
     compiler = "KernelCompiler"
@@ -101,8 +97,8 @@ class Kernel(Function):
             return self.dispatcher(*given)
 
 
-@typeof_impl.register(Function)
-def _type_of(function: Function, _: Any) -> Any:
+@typeof_impl.register(Part)
+def _type_of(function: Part, _: Any) -> Any:
     """What compiled code takes a function for: what stands for it now."""
     return numba.typeof(function.dispatcher)
 
