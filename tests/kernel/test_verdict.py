@@ -142,3 +142,13 @@ def test_drawn_strobes_settle_as_they_are_said_to():
         assert period == wanted, f"seed {seed}"
         periods.append(period)
     assert {0, 1, 2, 3, 4} <= set(periods)
+
+
+def test_the_past_of_a_saved_run_can_be_read_on():
+    """Its memory is rows of 24 numbers each, as files have it; which row a part of it begins with."""
+    kind = record_type(pasts.Past)
+    assert kind.itemsize == 8 * np.prod(pasts.PAST_SHAPE)
+    begins = {name: offset // (8 * pasts.PAST_SHAPE[1]) for name, (_, offset, *_) in kind.fields.items()}
+    rows = {"off": 0, "runs": 1, "track": 2, "strobes": 3, "doubles": 67, "landings": 131}
+    assert {name: begins[name] for name in rows} == rows
+    assert pasts.PAST_SHAPE == (195, 24)
