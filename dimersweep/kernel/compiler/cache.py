@@ -159,8 +159,7 @@ class _Kept:
                 from numba.core.compiler import CompileResult
 
                 context.refresh()  # what the code refers to must be known
-                result: Any = CompileResult
-                found = result._rebuild(context, *pickle.loads(code))
+                found = CompileResult._rebuild(context, *pickle.loads(code))
                 ready.set()
                 return found
         under_way.set()

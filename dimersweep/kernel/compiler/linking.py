@@ -20,11 +20,6 @@ from numba.core.untyped_passes import FixupArgs, ReconstructSSA, TranslateByteCo
 
 from dimersweep.kernel.compiler.versions import target
 
-_Compiler: Any = CompilerBase
-_Library: Any = JITCodeLibrary
-_Codegen: Any = JITCPUCodegen
-_Function: Any = BaseFunction
-_Manager: Any = PassManager
 _PASSES: tuple[Any, ...] = (
     TranslateByteCode,
     FixupArgs,
@@ -34,11 +29,12 @@ _PASSES: tuple[Any, ...] = (
     NativeLowering,
     NoPythonBackend,
 )
-_type: Callable[..., Any] = _Function.get_call_type
+_Function: Any = BaseFunction  # it is patched
+_type: Callable[..., Any] = BaseFunction.get_call_type
 _typed: dict[Any, Any] = {}
 
 
-class _Part(_Library):
+class _Part(JITCodeLibrary):
     """The code of one function, as Numba lowers it: neither optimised with what it calls nor made machine code."""
 
     def _optimize_functions(self, module: Any) -> None:
@@ -70,7 +66,7 @@ def _needed(library: Any, seen: dict[int, Any]) -> dict[int, Any]:
     return seen
 
 
-class _Kernel(_Library):
+class _Kernel(JITCodeLibrary):
     """The code of an exported kernel with all that it calls, which nothing else may call.
 
     So LLVM passes on what a function uses of its arguments, and not the seven words of each array. Such a function has no
@@ -92,7 +88,7 @@ class _Kernel(_Library):
         super()._optimize_final_module()
 
 
-class _KernelCodegen(_Codegen):
+class _KernelCodegen(JITCPUCodegen):
     """Numba's maker of machine code, for the kernel's own target: other code of the process is compiled as before."""
 
     _library_class = _Kernel
@@ -135,11 +131,11 @@ def _in_a_hurry() -> Iterator[None]:
             gc.enable()
 
 
-class KernelCompiler(_Compiler):
+class KernelCompiler(CompilerBase):
     """Compiles a kernel that Python calls, with those of Numba's passes that it needs."""
 
     def define_pipelines(self) -> list[Any]:
-        passes = _Manager("kernel")
+        passes = PassManager("kernel")
         for each in _PASSES:
             passes.add_pass(each, each.__name__)
         passes.finalize()
