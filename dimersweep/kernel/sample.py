@@ -123,8 +123,7 @@ def forces_at(row, states, modes, rtol, space, forces):
         copy(states[k], space.state, N_STATE)
         copy(modes[k], space.modes, 2)
         motion = motion_of(space.state, space.modes, space.past, space)
-        motion.course[0].slip_tol = no_slip(dm, space.state, rtol)
-        begin_contact(dm, motion)
+        begin_contact(dm, motion, rtol)
         if motion.contact[Y.chart] != BY_HEADING:
             change_chart(dm, end(dm, leading(space.modes)).s, motion.contact)
         contact_rates(dm, space.modes, states[k, PHASE] + dm.phi0, motion.contact, False, motion.rates, forces[k])
@@ -163,12 +162,11 @@ def move_contact(dm, motion, span, rtol):
     is over stays so, all else goes on, but no end goes below the plate.
     """
     state, modes, y = motion.state, motion.modes, motion.contact
-    motion.course[0].slip_tol = no_slip(dm, state, rtol)
-    begin_contact(dm, motion)
+    begin_contact(dm, motion, rtol)
     done, event = follow_to_event(dm, contact_of(dm, motion), motion.work, span, rtol)
     if is_slip_end(event) and dm.omega * (span - done) > max(MOMENT, SLIP_END_ERROR * rtol):
         # passed by: all again, with no events in view
-        begin_contact(dm, motion)
+        begin_contact(dm, motion, rtol)
         done, event = 0.0, LANDING
     if event != NO_EVENT and not is_slip_end(event):
         later = contact_later(dm, contact_of(dm, motion), done)
@@ -184,12 +182,13 @@ def move_contact(dm, motion, span, rtol):
 
 
 @compiled
-def begin_contact(dm, motion):
+def begin_contact(dm, motion, rtol):
     """Set the contact state at the start of a phase.
 
     A slip that sets out from rest is chosen again: its direction is lost in the rounding of the state.
     """
     state, modes, y, trial = motion.state, motion.modes, motion.contact, motion.work.rows[ROW_TRIAL]
+    motion.course[0].slip_tol = no_slip(dm, state, rtol)
     c = contact_of(dm, motion)
     set_contact(dm, state, modes, y)
     speed, _ = slip_speed(dm, modes, y, y)
