@@ -21,7 +21,7 @@ SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a do
 
 RING = 64
 N_NORMAL = 4
-PAST_SHAPE = (3 + 3 * RING, 24)  # of a past in a file: a row each for itself, its runs, the track, and what it keeps
+PAST_SHAPE = (3 + 3 * RING, 24)  # of a past in a file: rows for itself, its runs, the track and what it keeps
 Ends = Annotated[list[float], 2]  # of p1 and p2
 
 
@@ -61,7 +61,7 @@ class Landing:
     time: float
     end: float
     long: float  # 1.0 for a long one
-    spare: Annotated[list[float], 21]
+    spare: Annotated[list[float], 21]  # fills up a row of a file, as in the others
 
 
 class Past:
