@@ -77,8 +77,12 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     spins = evenly(*spin_range(spin, given), check_count("points", points))
     rtol = check_rtol(rtol)
     numbers = dict.fromkeys(round(share * (points - 1)) for share in BEGIN_AT)
+
+    def begun(k: int) -> tuple[PeriodicOrbit, int]:
+        return orbit_at(given, float(spins[k]), rtol=rtol), k
+
     try:
-        first, begin = first_found(partial(_begun, spins, k, given, rtol) for k in numbers)
+        first, begin = first_found(partial(begun, k) for k in numbers)
     except OrbitError as reason:
         raise OrbitError(f"spin = ({spins[0]:g}, {spins[-1]:g}): no orbit found; {reason}") from None
     tape = first.fixed.map.tape
@@ -110,10 +114,6 @@ def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[floa
     if low >= high:
         raise ParameterError(f"spin = ({low:g}, {high:g}): the first must be below the second")
     return low, high
-
-
-def _begun(spins: np.ndarray, k: int, given: dict[str, float], rtol: float) -> tuple[PeriodicOrbit, int]:
-    return orbit_at(given, float(spins[k]), rtol=rtol), k
 
 
 def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, PeriodicOrbit], str]:

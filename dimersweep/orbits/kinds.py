@@ -213,11 +213,6 @@ def _changed(old: str, new: str) -> set[str]:
     return set(old.split()) ^ set(new.split())
 
 
-def _only_far(old: str, new: str) -> bool:
-    changed = _changed(old, new)
-    return bool(changed) and all(symbol.startswith("far") for symbol in changed)
-
-
 def _over_line(image: Image, end: int) -> float:
     """How much longer than half a period the longest hop of an end is, in forcing periods."""
     return longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN - HOP_LINE
@@ -274,7 +269,7 @@ STABLE_TO = StabilityEnd(
 HOP = Change(
     name="hop",
     meaning="the longest hop of an end passes half a forcing period",
-    leads=_only_far,
+    leads=lambda old, new: {symbol[:3] for symbol in _changed(old, new)} == {"far"},
     begins="far",
     zero=_hop_over_line,
     lines=lambda image: np.array([_over_line(image, end) for end in (0, 1)]),

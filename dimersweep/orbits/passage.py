@@ -46,7 +46,11 @@ MANY = 4  # bounces that do not die out are counted so far: beyond, their number
 def word_of(events: np.ndarray, length: float, whole: bool = False) -> str:
     """The word of one period of a motion, so long [rad], from its events; a `whole` one has all its bounces counted."""
     symbols = _chatter_as_one(_symbols(events), len(events) if whole else MANY)
-    return " ".join(_from_double_impact(symbols) + _far(events, length))
+    # it begins at its first double impact, or without one at the rotation that sorts first
+    turns = [symbols[k:] + symbols[:k] for k in range(len(symbols))] or [[]]
+    begun = min(turns, key=lambda turn: (not (turn and turn[0].startswith("DI")), turn))
+    far = [f"far.{end + 1}" for end in (0, 1) if longest_hop(events, end, length) > HOP_LINE * TURN]
+    return " ".join(begun + far)
 
 
 def _name(code: int) -> str:
@@ -97,11 +101,6 @@ def _chatter_as_one(symbols: Sequence[str], most: int) -> list[str]:
     return [name if count == 1 else f"{name}*{min(most, count)}" for name, count in kept]
 
 
-def _far(events: np.ndarray, length: float) -> list[str]:
-    """The ends that are in the air for more than half a forcing period at a time."""
-    return [f"far.{end + 1}" for end in (0, 1) if longest_hop(events, end, length) > HOP_LINE * TURN]
-
-
 def longest_hop(events: np.ndarray, end: int, length: float) -> float:
     """Longest time [rad] for which an end is off the plate."""
     struck = digits_of(events[:, E_KIND])[end] > IMPACT
@@ -112,12 +111,6 @@ def longest_hop(events: np.ndarray, end: int, length: float) -> float:
     times = (events[:, E_PERIOD] * TURN + events[:, E_PHASE])[touched]
     leaves = (after[touched] == 0) | (after[touched] > IMPACT)  # after each touch
     return float(np.diff(times, append=times[0] + length)[leaves].max(initial=0.0))
-
-
-def _from_double_impact(symbols: list[str]) -> list[str]:
-    """The symbols of a period, begun at its first double impact, or without one at the rotation that sorts first."""
-    turns = [symbols[k:] + symbols[:k] for k in range(len(symbols))] or [[]]
-    return min(turns, key=lambda turn: (not (turn and turn[0].startswith("DI")), turn))
 
 
 def far_ends(word: str) -> int:

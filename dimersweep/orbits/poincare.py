@@ -222,13 +222,6 @@ class ReturnMap:
             pairs = [(self.image(z + d), here) for d in np.diag(widths)]
         return np.array([read(ahead) - read(back) for ahead, back in pairs]).T / widths
 
-    def well_placed(self, passage: Passage, simplest: bool = True) -> bool:
-        """Whether the section is away from the events of the motion, and no simpler contact lasts long enough."""
-        inner = passage.times[np.mod(passage.times, TURN) > 0]
-        if inner.size and min(inner[0], self.periods * TURN - inner[-1]) <= MARGIN * TURN:
-            return False
-        return not simplest or self.free.size <= len(free_coordinates(best_phase(passage, self.periods)[2]))
-
     def in_own_section(
         self, now: T, passage: Passage, make: Callable[["ReturnMap", np.ndarray], T], simplest: bool = True
     ) -> T:
@@ -237,7 +230,9 @@ class ReturnMap:
         A section does not suit if events have come near, or (`simplest`) if simpler contact lasts elsewhere in the period. If
         `make` finds no orbit in the better section, `now` is returned.
         """
-        if not self.well_placed(passage, simplest):
+        inner = passage.times[np.mod(passage.times, TURN) > 0]
+        near = inner.size and min(inner[0], self.periods * TURN - inner[-1]) <= MARGIN * TURN
+        if near or (simplest and self.free.size > len(free_coordinates(best_phase(passage, self.periods)[2]))):
             with suppress(OrbitLost):
                 return make(*self.moved(passage))
         return now

@@ -54,10 +54,6 @@ class Portrait(NamedTuple):
                 return n
         return self.periods
 
-    def ends_changed(self) -> "Portrait":
-        """The image in which the ends have changed places, at the same spin."""
-        return self._replace(gaps=self.gaps[..., ::-1], turn=-self.turn)
-
 
 def mirrors_of(parameters: Mapping[str, float], wanted: bool) -> Mirrors:
     """The images that count as one, if they are wanted: that of the ends only where these are alike."""
@@ -123,7 +119,7 @@ def shifted(a: Portrait, b: Portrait, mirrors: Mirrors) -> tuple[float, Portrait
     """How far two places are apart, see `apart`, and the image of `b` that lies nearest."""
     if a.periods != b.periods:
         return float("inf"), b
-    images = [b, b.ends_changed()] if mirrors.ends else [b]
+    images = [b, b._replace(gaps=b.gaps[..., ::-1], turn=-b.turn)] if mirrors.ends else [b]
     turned = [image._replace(gaps=np.roll(image.gaps, k, axis=0)) for image in images for k in range(b.periods)]
     far = [float(max(np.abs(a.gaps - image.gaps).max(), abs(a.turn - image.turn))) for image in turned]
     nearest = int(np.argmin(far))

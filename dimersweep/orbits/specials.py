@@ -181,8 +181,13 @@ class Bracket:
                     self._take(middle, self.left)
                 except OrbitLost:
                     self.high = middle
-            if self._look_beyond() or not self._goes_on():
+            if self._look_beyond():
                 return
+            try:  # further on with derivatives taken anew
+                self._take(2 * self.high - self.low, with_derivatives(self.left))
+            except OrbitLost:
+                return
+            self.high = self.at_right
 
     def _look_beyond(self) -> bool:
         """Find the next orbit beyond with another word; whether it lies right at the end of the bracket."""
@@ -195,14 +200,6 @@ class Bracket:
                     break
             share, step = share + step, FURTHER * step
         return self.at_right == self.high
-
-    def _goes_on(self) -> bool:
-        """Whether the orbit is found further on with derivatives taken anew; the bracket is then moved there."""
-        with suppress(OrbitLost):
-            self._take(2 * self.high - self.low, with_derivatives(self.left))
-            self.high = self.at_right
-            return True
-        return False
 
     def _take(self, share: float, near: Point) -> None:
         """Move the start of the bracket to the orbit at a share of the step, found with the derivatives of a point nearby.
