@@ -1,7 +1,7 @@
 """Pictures of borders, branches and families of orbits."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,36 +67,34 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
     table = table.swap_dims(border="kind")
     y = table.attrs["parameter"]
     *others, x = [str(dim) for dim in table[y].dims if dim != "kind"]
-    figure = Drawing(8, 6)
-    axes = figure.add_subplot()
+    figure, axes = _framed(table, (8, 6), [x, y])
     handles: list[Any] = [] if over is None else [_map_under(axes, over, x, y)]
     flat = table.stack(line=others) if others else table.expand_dims("line")
-    if {STABLE_FROM.name, STABLE_TO.name} <= set(table["kind"].values):
+    ends = [STABLE_FROM.name, STABLE_TO.name]
+    if set(ends) <= set(table["kind"].values):
         handles.append(_stable_shaded(axes, flat, x, y))
-        flat = flat.sel(kind=[kind for kind in table["kind"].values if kind not in (STABLE_FROM.name, STABLE_TO.name)])
-    for kind in flat["kind"].values:
-        color = BORDER_KINDS[str(kind)].color
-        for k in range(flat.sizes["line"]):
-            row = flat.sel(kind=kind).isel(line=k)
+        flat = flat.drop_sel(kind=ends)
+    lines = [(flat.isel(line=k), STYLES[k % len(STYLES)]) for k in range(flat.sizes["line"])]
+    for kind in flat["kind"].values.tolist():
+        color = BORDER_KINDS[kind].color
+        for line, style in lines:
+            row, how = line.sel(kind=kind), {"color": color, "linestyle": style, "linewidth": 1.4}
             taken = row[y]
-            how: dict[str, Any] = {"color": color, "linestyle": STYLES[k % len(STYLES)], "linewidth": 1.4}
-            if BORDER_KINDS[str(kind)].rows:  # pale where no stable orbit loses its stability
+            if BORDER_KINDS[kind].rows:  # pale where no stable orbit loses its stability
                 axes.plot(row[x], row[y], **how, alpha=PALE)
                 taken = row[y].where(row["loses_stability"] == 1)
             axes.plot(row[x], taken, **how)
-        ball = flat.sel(kind=kind).isel(line=0)["ball"]
+        ball = lines[0][0].sel(kind=kind)["ball"]
         if np.isfinite(ball).any():
             axes.plot(ball[x], ball, color="black", linewidth=0.7)
-        handles.append(Line2D([], [], color=color, label=str(kind)))
-    for k in range(flat.sizes["line"]):
-        if others:
-            words = ", ".join(given(name, float(flat[name].isel(line=k))) for name in others)
-            handles.append(Line2D([], [], color="gray", linestyle=STYLES[k % len(STYLES)], label=words))
+        handles.append(Line2D([], [], color=color, label=kind))
+    for line, style in lines if others else ():
+        words = ", ".join(given(name, float(line[name])) for name in others)
+        handles.append(Line2D([], [], color="gray", linestyle=style, label=words))
     handles.append(Line2D([], [], color="black", linewidth=0.7, label="ball, closed form"))
     mark(axes.xaxis, x)
     mark(axes.yaxis, y)
     axes.legend(handles=handles, fontsize=8)
-    _entitle(figure, table, x, y)
     return figure
 
 
@@ -109,14 +107,18 @@ def _stable_shaded(axes: Axes, flat: xr.Dataset, x: str, y: str) -> Patch:
     return Patch(facecolor=STABLE_COLOR, alpha=alpha, label="a stable orbit, which runs come to")
 
 
-def _entitle(figure: Figure, table: xr.Dataset, *along: str) -> None:
-    """Write the title of a table, with the conditions that its orbits share; those of a start are none of theirs."""
+def _framed(
+    table: xr.Dataset, size: tuple[float, float], along: Collection[str] = (), **panels: Any
+) -> tuple[Figure, Any]:
+    """A figure with the title of a table and what its orbits share, no conditions of a start; and its panels."""
     declared = json.loads(table.attrs.get("configuration", "{}"))
     values = BASE | declared["fixed"] if declared else table.attrs
     heading = conditions(values, {*declared.get("over", ()), *along, "beta0", "xdot0"}, tex=True)
     spin = declared.get(table.attrs.get("what"), {}).get("spin")
     heading += f", axial spin = {spin:.4g} rad/s" if isinstance(spin, float) else ""
+    figure = Drawing(*size)
     entitle(figure, f"{table.attrs.get('title', '')}\n{heading}".lstrip())
+    return figure, figure.subplots(**panels)
 
 
 def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:
@@ -133,8 +135,7 @@ def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:
 def branches(table: xr.Dataset) -> Figure:
     """Radius and angle of the orbits along branches: stable ones solid, unstable ones dashed, special points marked."""
     x = str(table.attrs["parameter"])
-    figure = Drawing(8, 8)
-    panels = figure.subplots(3, 1, sharex=True)
+    figure, panels = _framed(table, (8, 8), [x], nrows=3, sharex=True)
     groups = [name for name in table.data_vars if name in PARAMETERS and name != x and table[name].dims == ("point",)]
     colors: dict[Any, str] = {}
     for number in np.unique(table["branch"].values):
@@ -156,7 +157,6 @@ def branches(table: xr.Dataset) -> Figure:
         mark(panels[-1].xaxis, x)
     else:
         panels[-1].set_xlabel(SPIN_LABEL)
-    _entitle(figure, table, x)
     return figure
 
 
@@ -194,8 +194,8 @@ def _smoothed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
 
 def families(table: xr.Dataset) -> Figure:
     """Radius, period, angle and relative decay of the orbits over the spin, with the least period marked."""
-    figure = Drawing(9, 7)
-    panels = figure.subplots(2, 2, sharex=True).ravel()
+    figure, panels = _framed(table, (9, 7), nrows=2, ncols=2, sharex=True)
+    panels = panels.ravel()
     given_by = [str(name) for name in table.coords if name in PARAMETERS]
     spin = table["spin"].values
     for k in range(table.sizes["over"]):
@@ -214,5 +214,4 @@ def families(table: xr.Dataset) -> Figure:
     panels[2].set_xlabel(SPIN_LABEL)
     panels[3].set(xlabel=SPIN_LABEL, ylabel="share of the spin lost in a period")
     panels[0].legend(fontsize=8)
-    _entitle(figure, table)
     return figure
