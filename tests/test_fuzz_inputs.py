@@ -5,7 +5,6 @@ import csv
 import io
 import re
 import sqlite3
-import sys
 import warnings
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 import dimersweep
-from dimersweep import cli
 from dimersweep.cubes.results import Tile
 from dimersweep.errors import ParameterError, StoreError, UserError
 from dimersweep.storage.cubefiles import open_cube
@@ -385,24 +383,10 @@ WORDS = st.sampled_from(
 )  # fmt: skip
 
 
-def called(*arguments):
-    """Exit code and standard error of the command line, run in this process."""
-    before, sys.argv = sys.argv, ["dimersweep", *arguments]
-    errors = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(io.StringIO()):
-            cli.main()
-        return 0, errors.getvalue()
-    except SystemExit as stop:
-        return stop.code or 0, errors.getvalue()
-    finally:
-        sys.argv = before
-
-
 @steady
 @given(st.sampled_from([*PARAMETERS, *INSTEAD, "periods", "rtol"]), VALUES)
-def test_a_wrong_value_of_a_parameter_is_told(name, value):
-    code, err = called("simulate", f"--{name}", value)
+def test_a_wrong_value_of_a_parameter_is_told(call, name, value):
+    _, err, code = call("simulate", f"--{name}", value)
     assert code == 2, (name, value, err)
     assert err.startswith("dimersweep: error: ")
     assert len(err.splitlines()) == 1
@@ -411,10 +395,10 @@ def test_a_wrong_value_of_a_parameter_is_told(name, value):
 
 @steady
 @given(st.lists(WORDS, min_size=1, max_size=5))
-def test_a_command_line_of_words(words):
+def test_a_command_line_of_words(call, words):
     """Nothing here names a sweep that exists, so that nothing can be done."""
     assume(words != ["simulate"] and not {"status", "plot"} >= set(words))
-    code, err = called(*words)
+    _, err, code = call(*words)
     if code:
         assert code == 2, err
         assert err.startswith("dimersweep: error: "), err
