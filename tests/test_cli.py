@@ -23,7 +23,7 @@ from dimersweep.plots.style import PICTURES
 from dimersweep.storage.outputs import CUBES, TABLES
 from dimersweep.studies.study import MOST_PARTS
 from dimersweep.symbols import BASE, conditions
-from tests.fakes import failing, fake_run_many, points_on_disk, raising
+from tests.fakes import failing, fake_run_many, interrupts, points_on_disk, raising
 from tests.seams import another_version, exit_plainly, no_work, use_kernel
 
 ROOT = Path(__file__).parents[1]
@@ -31,8 +31,7 @@ SMALL = (ROOT / "sweeps" / "fig07-small.toml").read_text()
 
 
 @pytest.fixture(autouse=True)
-def in_an_empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def in_an_empty_folder(empty_folder):
     Path("small.toml").write_text(SMALL)
 
 
@@ -368,10 +367,6 @@ def test_a_bound_on_the_time_of_a_run(call, refused):
     assert (code, told["status"], told["mode"]) == (0, "stopped", "failed")
     assert 0 < told["n_periods"] < 10**9
     assert refused("simulate", "--max-seconds", "0") == "max_seconds = 0.0: must be > 0"
-
-
-def interrupts(*rest, **more):
-    raise KeyboardInterrupt
 
 
 @pytest.fixture

@@ -120,8 +120,7 @@ WITH_DOCTESTS = [
 
 
 @pytest.mark.parametrize("path", WITH_DOCTESTS, ids=lambda path: str(path.relative_to(ROOT / "dimersweep")))
-def test_the_examples_of_docstrings_print_what_they_show(path, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_examples_of_docstrings_print_what_they_show(path, empty_folder):
     examples, _ = examples_of(
         path, [DocTestParser(optionflags=NUMBER)], document_types={".py": PythonDocStringDocument}
     )
@@ -278,8 +277,7 @@ def test_the_page_on_cubes_shows_every_flag():
     assert shown == FLAGS.keys() - {"outcome"}  # whose words are those of mode
 
 
-def test_the_page_on_cubes_has_every_attribute_and_variable(tables, fake_kernel, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_page_on_cubes_has_every_attribute_and_variable(tables, fake_kernel, empty_folder):
     grid, how = {"e": [0.5, 0.7], "Gamma": [0.8, 1.0], "beta0": [0.2, 0.4]}, {"periods": 10, "progress": False}
     cubes = [
         sweep(grid, **how, certify=True, out="one.nc", attrs={"plot": "segments"}),

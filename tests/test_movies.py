@@ -14,6 +14,7 @@ from dimersweep.errors import ParameterError, StoreError
 from dimersweep.plots import movie, replay
 from dimersweep.plots import playback as playing
 from tests.browser import chromium_page, colors_of, needs_chromium
+from tests.fakes import interrupts
 
 pytestmark = pytest.mark.jit
 
@@ -117,10 +118,6 @@ def test_a_movie_needs_a_known_ending_and_its_program(run, tmp_path, monkeypatch
         simulate(periods=1, record=False).animate(tmp_path / "run.gif")
 
 
-def interrupts(*rest, **more):
-    raise KeyboardInterrupt
-
-
 def two_frames(*rest):
     yield from np.zeros((2, 10, 10, 3), dtype=np.uint8)
     interrupts()
@@ -152,10 +149,9 @@ def test_an_interruption_leaves_the_former_file(run, tmp_path, monkeypatch, name
     assert {each.name: each.read_text() for each in tmp_path.iterdir()} == {name: "the former one"}
 
 
-def test_simulate_makes_a_movie_and_keeps_the_run(tmp_path, monkeypatch, call):
-    monkeypatch.chdir(tmp_path)
+def test_simulate_makes_a_movie_and_keeps_the_run(empty_folder, call):
     assert call("simulate", "--periods", "8", "--movie", "a.gif", "--save", "a.nc")[2] == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.gif", "a.nc"]
+    assert sorted(path.name for path in empty_folder.iterdir()) == ["a.gif", "a.nc"]
 
 
 @needs_chromium

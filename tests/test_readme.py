@@ -27,15 +27,14 @@ def commands(page):
     return [shlex.split(line, comments=True) for line in lines if line.startswith("dimersweep ")]
 
 
-def test_the_examples_run(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_examples_run(empty_folder, capsys):
     python = blocks(README, "python")
     assert len(python) >= 2
     for block in python:
         exec(compile(block, str(README), "exec"), {})
     assert capsys.readouterr().out.startswith("drift ")
-    assert (tmp_path / "cube.nc").exists()
-    assert (tmp_path / "intervals.png").stat().st_size > 10_000
+    assert (empty_folder / "cube.nc").exists()
+    assert (empty_folder / "intervals.png").stat().st_size > 10_000
 
 
 def table(text):
@@ -56,8 +55,7 @@ def test_the_run_prints_what_is_shown(monkeypatch, capsys):
         assert printed[name][0] == value or float(printed[name][0]) == pytest.approx(float(value), rel=1e-5)
 
 
-def test_the_commands_on_sweeps_run_one_after_the_other(tmp_path, monkeypatch, fake_kernel, capsys):
-    monkeypatch.chdir(tmp_path)
+def test_the_commands_on_sweeps_run_one_after_the_other(empty_folder, monkeypatch, fake_kernel, capsys):
     shutil.copytree(ROOT / "sweeps", "sweeps")
     lines = commands(ROOT / "docs" / "sweeps.md")
     assert len(lines) >= 6
@@ -65,7 +63,7 @@ def test_the_commands_on_sweeps_run_one_after_the_other(tmp_path, monkeypatch, f
         monkeypatch.setattr(sys, "argv", line)
         cli.main()
     assert "fig07.nc: complete, 13497 points" in capsys.readouterr().out
-    assert {path.name for path in tmp_path.iterdir()} >= {"fig07.nc", "same.nc", "finer.nc", "again.png"}
+    assert {path.name for path in empty_folder.iterdir()} >= {"fig07.nc", "same.nc", "finer.nc", "again.png"}
 
 
 @pytest.mark.slow
@@ -79,11 +77,10 @@ def test_the_tutorial_runs(tmp_path):
 SCRIPT = ROOT / "docs" / "stranger.py"
 
 
-def test_the_script_of_25_lines_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_script_of_25_lines_runs(empty_folder):
     script = SCRIPT.read_text(encoding="utf-8")
     assert len(script.splitlines()) <= 25
     for _ in range(2):  # the second time in a folder that has all of its files
         exec(compile(script, str(SCRIPT), "exec"), {})
     for name in ("walk.nc", "sample.nc", "walk.gif", "bifurcation.png"):
-        assert (tmp_path / name).stat().st_size > 1000
+        assert (empty_folder / name).stat().st_size > 1000
