@@ -530,7 +530,6 @@ class Run(RunNumbers):
         times = np.arange(self.n_periods + 1) / self.parameters["f"]
         times = np.union1d(times, [] if t is None else self.states(t)["time"])
         rtol, starts = starts_beside(self.rtol, self.parameters, self.start)
-
         how = exactly(self.n_periods, rtol)
 
         def call(space: Workspace) -> list[Run]:

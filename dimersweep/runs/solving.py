@@ -151,7 +151,7 @@ def run_row(
     Raises
     ------
     ParameterError
-        If a record from the start would be too long.
+        If the record of a run from the start in `row` would be too long.
     """
     (out, codes), cost = blank(1), 0
 
@@ -164,7 +164,7 @@ def run_row(
     for periods in how.lengths():
         kept, full = None, False
         if record:
-            if past is None:
+            if start is None:
                 check_recorded(periods)
             rows = min(RECORD_ROWS + ROWS_PER_PERIOD * periods, MAX_ROWS)
             while was_full(made := run(periods, new_record(rows))) and rows < MAX_ROWS:
