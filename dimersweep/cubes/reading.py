@@ -56,7 +56,7 @@ def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
         words = [DIRECTIONS[code] for code in cube["direction"].values.tolist()]
         if value not in words:
             raise ParameterError(f"direction = {value!r}: must be {' or '.join(words)}")
-        return cube.isel(direction=words.index(value))
+        return cube.sel(direction=DIRECTIONS.index(value))
     values, wanted = np.sort(cube[name].values), number(name, value)
     if not values.size:
         raise ParameterError(f"{name}: the axis is empty")
