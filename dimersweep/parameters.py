@@ -32,10 +32,8 @@ class Rule(NamedTuple):
         return above & (value <= self.most * unit) if self.most < inf else above
 
 
-TINY, ACUTE = (
-    nextafter(0.0, 1.0),
-    nextafter(pi / 2, 0.0),
-)  # the least number above 0, the greatest angle below a right one
+TINY = nextafter(0.0, 1.0)  # the least number above 0
+ACUTE = nextafter(pi / 2, 0.0)  # the greatest angle below a right one
 NO_LESS = ">= {} = {} (stick friction is never below slip friction)"
 RULES = (
     Rule("e", "in [0, 1]", 0, 1),

@@ -266,10 +266,9 @@ class _Search:
             looked = f"{len(looks)} points of the ranges ({self.tape.periods:,.0f} forcing periods)"
             raise OrbitError(f"no stable orbit at any of {looked}; at the last one: {self.reason}")
         places, misfits = (np.array(column) for column in zip(*((one.u, one.misfit) for one in found), strict=True))
-        near = [np.argsort(np.linalg.norm(places - point.u, axis=1))[: 2 * n + 1] for point in found]
-        return _ordered(p for p, around in zip(found, near, strict=True) if p.misfit <= misfits[around].min())[
-            :DESCENTS
-        ]
+        near = np.array([np.argsort(np.linalg.norm(places - u, axis=1))[: 2 * n + 1] for u in places])
+        least = np.flatnonzero(misfits <= misfits[near].min(axis=1))
+        return _ordered(found[k] for k in least)[:DESCENTS]
 
     def residuals(self, u: np.ndarray) -> np.ndarray:
         """Residuals for the solver: inf where no stable orbit is, at which it takes a shorter step."""
