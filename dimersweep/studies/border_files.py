@@ -129,15 +129,6 @@ class Borders(BorderFileSection):
         return next(name for name in ("curves", "branches", "families") if getattr(self, name) is not None)
 
 
-BORDER_SECTIONS: dict[str, type[BaseModel]] = {
-    "": Borders,
-    "borders": Head,
-    "curves": Curves,
-    "branches": Branches,
-    "families": Families,
-}
-
-
 def read_borders(path: str | os.PathLike[str]) -> Borders:
     """A declaration of borders, checked.
 
@@ -151,7 +142,7 @@ def read_borders(path: str | os.PathLike[str]) -> Borders:
     try:
         _judge(Borders.model_validate(raw))
     except ValidationError as error:
-        mistakes = explain(error, BORDER_SECTIONS)
+        mistakes = explain(error, Borders)
     except ParameterError as error:
         mistakes = [str(error)]
     refuse_mistakes(path, mistakes)

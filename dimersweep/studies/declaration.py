@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -153,26 +153,19 @@ class Declaration(SweepFileSection):
         return ({} if self.sweep.title is None else {"title": self.sweep.title}) | {"plot": self.plot.kind}
 
 
-SWEEP_SECTIONS: dict[str, type[BaseModel]] = {
-    "": Declaration,
-    "sweep": SweepSection,
-    "points": PointsSection,
-    "search": SearchSection,
-    "refine": RefineSection,
-    "paths": PathsSection,
-    "plot": PlotSection,
-}
-
-
-def explain(error: ValidationError, sections: Mapping[str, type[BaseModel]]) -> list[str]:
-    """The complaints of pydantic about a file of `sections`, each as one line with the key and what is allowed."""
+def explain(error: ValidationError, whole: type[BaseModel]) -> list[str]:
+    """The complaints of pydantic about a `whole` file, each as one line with the key and what is allowed."""
     mistakes: list[str] = []
     meant: set[str] = set()
     for complaint in error.errors():
         *section, key = (str(part) for part in complaint["loc"])
         where = ".".join([*section, key])
         if complaint["type"] == "extra_forbidden":
-            line = unknown(key, "key", sections[".".join(section)].model_fields)
+            within = whole
+            for name in section:
+                kinds = (within.model_fields[name].annotation, *get_args(within.model_fields[name].annotation))
+                within = next(kind for kind in kinds if hasattr(kind, "model_fields"))
+            line = unknown(key, "key", within.model_fields)
             mistakes.append(".".join([*section, line]))
             meant.update(".".join([*section, name]) for name in re.findall(r"did you mean (\w+)\?", line))
         elif complaint["type"] == "missing":
@@ -204,7 +197,7 @@ def _mistakes(raw: Mapping[str, Any]) -> list[str]:
     try:
         declaration = Declaration.model_validate(raw)
     except ValidationError as error:
-        mistakes = explain(error, SWEEP_SECTIONS)
+        mistakes = explain(error, Declaration)
     mistakes += _of_parameters(raw)
     if not mistakes:
         try:

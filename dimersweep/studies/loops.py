@@ -2,6 +2,8 @@
 
 import json
 from collections.abc import Iterator
+from functools import partial
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +22,7 @@ from dimersweep.runs.behind import behind
 from dimersweep.runs.carrying import Link, carried
 from dimersweep.studies.deciding import OPEN
 from dimersweep.studies.study import Study
-from dimersweep.symbols import PARAMETERS, QUANTITIES, Quantity
+from dimersweep.symbols import PARAMETERS, Quantity
 from dimersweep.work.stopping import stoppable
 
 UP, DOWN = range(len(DIRECTIONS))
@@ -42,9 +44,6 @@ class LoopEnd(NamedTuple):
     below: float
     above: float
     modes: tuple[int, int]
-
-
-Verdict = tuple[int, int]  # mode, and forcing periods after which it repeats
 
 
 def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
@@ -103,7 +102,8 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
         ends = list(_ends(values, motions["mode"][line], motions["mode_period"][line]))
         if ends and within is not None:
             here = dict(zip(others, places[line], strict=True))
-            ends, spent = _located(_line_through(cube.isel(here | {"direction": UP, axis: 0})), ends, within)
+            line_there = _line_through(cube.isel(here | {"direction": UP, axis: 0}))
+            ends, spent = stoppable(partial(_located, line_there, ends, within))
             cost += spent
         found += [(line, pair) for pair in ends]
     table = _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
@@ -116,9 +116,9 @@ def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[
     values, mode, period = values[known], mode[:, known], period[:, known]
     for first, stop in runs((mode[UP] != mode[DOWN]) | (period[UP] != period[DOWN])):
         low, high = ((int(mode[UP, k]), int(mode[DOWN, k])) for k in (first, stop - 1))
-        beyond = np.nan, np.nan
-        below = (values[first - 1], values[first]) if first else beyond
-        above = (values[stop - 1], values[stop]) if stop < values.size else beyond
+        beyond = np.full(2, np.nan)
+        below = values[first - 1 : first + 1] if first else beyond
+        above = values[stop - 1 : stop + 1] if stop < values.size else beyond
         yield LoopEnd(below[0], below[1], low), LoopEnd(above[0], above[1], high)
 
 
@@ -132,16 +132,13 @@ def _line_through(point: xr.Dataset) -> Study:
 
 
 def _located(
-    spec: Study, ends: list[tuple[LoopEnd, LoopEnd]], within: float
+    spec: Study, ends: list[tuple[LoopEnd, LoopEnd]], within: float, space: Workspace
 ) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
     """These ends, located to `within`, and the forcing periods that this took."""
-
-    def call(space: Workspace) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
-        line = CarriedLine(spec, space)
-        found = [(line.located(low, within, inside=1), line.located(high, within, inside=0)) for low, high in ends]
-        return found, line.cost
-
-    return stoppable(call)
+    line = CarriedLine(spec, space)
+    return [
+        (line.located(low, within, inside=1), line.located(high, within, inside=0)) for low, high in ends
+    ], line.cost
 
 
 class CarriedLine:
@@ -201,7 +198,8 @@ class CarriedLine:
         return LoopEnd(below, above, modes)
 
 
-def _motion(link: Link) -> Verdict:
+def _motion(link: Link) -> tuple[int, int]:
+    """Its mode, and the forcing periods after which it repeats."""
     return int(link.solved.codes[CODE_MODE]), int(link.solved.codes[CODE_MODE_PERIOD])
 
 
@@ -209,32 +207,20 @@ def _table(
     cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: list[tuple[int, tuple[LoopEnd, LoopEnd]]]
 ) -> xr.Dataset:
     """The loops as a dataset."""
-    units = PARAMETERS[axis].units
+    units, meaning = PARAMETERS[axis].units, PARAMETERS[axis].long_name
     lines = np.array([line for line, _ in found], dtype=int)
-    table = xr.Dataset()
-    for name, numbers in places.items():
-        table[name] = ("loop", cube[name].values[numbers[lines]], PARAMETERS[name].attributes())
+    columns = {name: (cube[name].values[numbers[lines]], PARAMETERS[name]) for name, numbers in places.items()}
     for k, which in enumerate(SIDES):
-        ends = [pair[k] for _, pair in found]
-        middle = np.array([0.5 * (end.below + end.above) for end in ends])
-        half = np.array([0.5 * (end.above - end.below) for end in ends])
-        table[which] = (
-            "loop",
-            middle,
-            {"units": units, "long_name": f"{which} end of the loop: {PARAMETERS[axis].long_name}"},
+        below, above = np.array([pair[k][:2] for _, pair in found]).reshape(-1, 2).T
+        columns[which] = 0.5 * (below + above), Quantity(units, f"{which} end of the loop: {meaning}")
+        columns[f"{which}_error"] = (
+            0.5 * (above - below),
+            Quantity(units, f"half the step that the {which} end lies in"),
         )
-        table[f"{which}_error"] = (
-            "loop",
-            half,
-            {"units": units, "long_name": f"half the step that the {which} end lies in"},
-        )
-    for k, which in enumerate(SIDES):
-        for way, word in enumerate(DIRECTIONS):
-            codes = np.array([pair[k].modes[way] for _, pair in found], dtype=np.int8)
-            flags = variable("mode", ("loop",), codes)
-            flags.attrs["long_name"] = (
-                f"{QUANTITIES['mode'].long_name} on the way {word}, inside the loop at its {which} end"
-            )
-            table[f"mode_{word}_{which}"] = flags
+    table = xr.Dataset({name: ("loop", values, said.attributes()) for name, (values, said) in columns.items()})
+    for (k, which), (way, word) in product(enumerate(SIDES), enumerate(DIRECTIONS)):
+        flags = variable("mode", ("loop",), np.array([pair[k].modes[way] for _, pair in found], dtype=np.int8))
+        flags.attrs["long_name"] += f" on the way {word}, inside the loop at its {which} end"
+        table[f"mode_{word}_{which}"] = flags
     number = Quantity("1", "number of the loop")
     return table.assign_coords(loop=coordinate("loop", np.arange(len(found)), number))
