@@ -24,7 +24,7 @@ def no_work(patch):
 
 def no_warm_up(patch):
     """Let work begin without the kernel being compiled."""
-    patch.setattr("dimersweep.work.computing.warm_up", lambda stop: None)
+    patch.setattr("dimersweep.studies.making.settle_way", lambda progress: None)
 
 
 def another_version(patch, version="another"):

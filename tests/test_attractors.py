@@ -326,7 +326,7 @@ def test_borders_that_lie_close_share_a_label_and_all_areas_are_named(over_gamma
     ],
 )
 def test_what_is_not_allowed_is_said_in_one_line_before_any_run(given, says, monkeypatch):
-    monkeypatch.setattr("dimersweep.studies.study.crew", None)
+    monkeypatch.setattr("dimersweep.studies.study.Crew", None)
     with pytest.raises(ParameterError, match=says) as caught:
         attractors(periods=100, progress=False, **given)
     assert "\n" not in str(caught.value)

@@ -29,6 +29,7 @@ from dimersweep.studies.observers import Ends
 from dimersweep.studies.study import Study
 from dimersweep.studies.telling_apart import Judge, Sort, distance, matched
 from dimersweep.symbols import PARAMETERS
+from dimersweep.work.computing import settle_way
 from dimersweep.work.options import make_options
 
 NONE = -1  # in place of the number of a start
@@ -153,6 +154,7 @@ def attractors(
     drawn = make_points(table, fixed)
     _check_one_plate(drawn.fixed, table)
     study = Study(grid=drawn, how=how, observers=(Ends(),))
+    settle_way(progress=progress)
     results, _ = study.in_memory(make_options(workers=workers, progress=progress))
     found = Census(name, values, columns, wanted)
     for k in range(values.size):

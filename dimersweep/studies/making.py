@@ -25,7 +25,7 @@ from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differe
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.reuse import Known, check_alike
 from dimersweep.studies.study import Label, Study
-from dimersweep.work.computing import crew, settle_way
+from dimersweep.work.computing import Crew, settle_way
 from dimersweep.work.options import Given, Options, make_options
 
 
@@ -47,7 +47,7 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
     out, replaces = options.out, options.force or options.retry
     with (
         tile_store(out, study.configuration(), study.grid.size, study.kind, force=options.force) as store,
-        crew(store, options) as hired,
+        Crew(store, options) as hired,
     ):
         if out is not None:
             check_output(out, force=replaces, endings=None)  # who held the lock before may have written it meanwhile

@@ -18,7 +18,7 @@ from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently, run_
 from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.observers import Observer, Ran
 from dimersweep.studies.reuse import Known
-from dimersweep.work.computing import Crew, crew
+from dimersweep.work.computing import Crew
 from dimersweep.work.options import IN_PASSING, Options
 from dimersweep.work.tiles import around
 
@@ -166,7 +166,7 @@ class Study:
     def in_memory(self, options: Options = IN_PASSING) -> tuple[np.ndarray, float]:
         """The results of all points, run anew, and the time that they took [s]."""
         size = self.grid.size
-        with tile_store(None, self.configuration(), size, self.kind) as store, crew(store, options) as hired:
+        with tile_store(None, self.configuration(), size, self.kind) as store, Crew(store, options) as hired:
             self.run(hired, ())
             return store.read(0, size), store.seconds
 

@@ -2,8 +2,9 @@
 
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import wait
+from contextlib import ExitStack
 
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Finished, Tile, not_ok, tally
@@ -12,23 +13,10 @@ from dimersweep.kernel.model.layout import CODE_STATUS, STATUS_MESSAGES, STATUSE
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.options import Options
 from dimersweep.work.progress import Tally, report_compiling, watch
-from dimersweep.work.proving import is_proven
-from dimersweep.work.scheduling import (
-    Pace,
-    Pool,
-    cluster,
-    connected,
-    run_tiles,
-    threads,
-    warm_up,
-)
-from dimersweep.work.stopping import StopFlag, stop_on_signals
-from dimersweep.work.tiles import (
-    Broken,
-    Made,
-    Work,
-    count,
-)
+from dimersweep.work.proving import is_proven, prove
+from dimersweep.work.scheduling import POLL, Pace, Pool, cluster, connected, run_tiles, threads
+from dimersweep.work.stopping import StopFlag, in_thread, stop_on_signals
+from dimersweep.work.tiles import Broken, Made, Work, count
 
 ALIKE = 10  # tasks that break off in a row for the same reason: then it is not for the points
 
@@ -63,21 +51,19 @@ class Troubles:
         return words + ("; the sweep was stopped, as these came in a row" if self.alike >= ALIKE else "")
 
 
-class Crew:
-    """Those who run what a store lacks; they are hired with the first point that is missing.
+class Crew(ExitStack):
+    """Those who run what a store lacks; they are hired with the first point that is missing, and go home at the end.
 
     Parameters
     ----------
     store : TileStore
         Where results are put; as many of its points as ``expect`` says are wanted.
     options : Options
-    hired : ExitStack
-        Lets them go.
     """
 
-    def __init__(self, store: TileStore, options: Options, hired: ExitStack) -> None:
+    def __init__(self, store: TileStore, options: Options) -> None:
+        super().__init__()
         self.store, self.options, self.wanted = store, options, 0
-        self._hired = hired
         self._pool: Pool | None = None
         self._stop: StopFlag
         self._shown: Tally
@@ -98,14 +84,11 @@ class Crew:
         self.store.flush()
 
     def _hire(self) -> Pool:
-        options, hired = self.options, self._hired
-        client = None if options.client is None else hired.enter_context(connected(options.client))
-        if options.progress and not is_proven():
-            report_compiling()
-        self._stop = hired.enter_context(stop_on_signals())
-        warm_up(self._stop)  # before the clock of the progress starts, and before workers would all do it
-        pool = hired.enter_context(threads(options.workers, self._stop) if client is None else cluster(client))
-        self._shown = hired.enter_context(watch(self.wanted, self.store.modes(), pool.workers, show=options.progress))
+        options = self.options
+        client = None if options.client is None else self.enter_context(connected(options.client))
+        self._stop = self.enter_context(stop_on_signals())
+        pool = self.enter_context(threads(options.workers, self._stop) if client is None else cluster(client))
+        self._shown = self.enter_context(watch(self.wanted, self.store.modes(), pool.workers, show=options.progress))
         if options.progress and not pool.workers():
             print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
         return pool
@@ -158,7 +141,10 @@ class Crew:
 
 
 def settle_way(*, progress: bool) -> None:
-    """Compile or load the kernel, before its version is written or compared: how it can be compiled is seen by doing it.
+    """Compile or load the kernel, and prove it, in a thread: signals wait while the main thread is in the compiler.
+
+    That comes before its version is written or compared, as how it can be compiled is seen by doing it; before the clock of
+    the progress starts; and before workers would all do it.
 
     Raises
     ------
@@ -172,16 +158,13 @@ def settle_way(*, progress: bool) -> None:
     if progress:
         report_compiling()
     with stop_on_signals() as stop:
-        warm_up(stop)
+        future = in_thread(prove)
+        while not stop.is_set() and not wait([future], timeout=POLL).done:
+            pass
+        if future.done():
+            future.result()
     if stop.is_set():
         raise Stopped("nothing was begun", stop.signal)
-
-
-@contextmanager
-def crew(store: TileStore, options: Options) -> Iterator[Crew]:
-    """A crew for `store`, which goes home at the end of the context."""
-    with ExitStack() as hired:
-        yield Crew(store, options, hired)
 
 
 def _failure(work: Work, finished: Finished) -> tuple[int, str]:

@@ -17,15 +17,8 @@ from dimersweep.cubes.results import Bundle, Tile
 from dimersweep.errors import KernelError, ParameterError, UserError
 from dimersweep.kernel import kernel_version
 from dimersweep.work.proving import prove
-from dimersweep.work.stopping import StopFlag, in_thread
-from dimersweep.work.tiles import (
-    TILE_SECONDS,
-    Broken,
-    Made,
-    Work,
-    after,
-    attempt,
-)
+from dimersweep.work.stopping import StopFlag
+from dimersweep.work.tiles import TILE_SECONDS, Broken, Made, Work, after, attempt
 
 IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
 TASK_GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
@@ -116,21 +109,6 @@ def bundles(ranges: Iterable[Tile], pace: Pace, line: int = 1) -> Iterator[Bundl
 def _whole(points: int, line: int) -> int:
     """The points in as many whole lines as `points` make, at least one."""
     return line * max(1, points // line)
-
-
-def warm_up(stop: StopFlag) -> None:
-    """Have the kernel compiled, or loaded, and proven in a thread: signals wait while the main thread is in the compiler.
-
-    Raises
-    ------
-    KernelError
-        If it cannot run, or gives wrong numbers.
-    """
-    future = in_thread(prove)
-    while not stop.is_set() and not wait([future], timeout=POLL).done:
-        pass
-    if future.done():
-        future.result()
 
 
 @contextmanager
