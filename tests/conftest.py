@@ -12,7 +12,7 @@ from hypothesis import settings
 
 from dimersweep import cli
 from tests.fakes import fake_run_many
-from tests.seams import use_kernel
+from tests.seams import rows_made, use_kernel
 
 ROOT = Path(__file__).parents[1]
 
@@ -25,6 +25,12 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts its b
 def fake_kernel(monkeypatch):
     """Run sweeps on `fake_run_many`."""
     use_kernel(monkeypatch, fake_run_many)
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Run sweeps on `fake_run_many`: the rows of the points that it makes, each call one item."""
+    return rows_made(monkeypatch, fake_run_many)
 
 
 @pytest.fixture

@@ -77,6 +77,18 @@ def interrupts(*_, **__):
     raise KeyboardInterrupt
 
 
+def points_made(made):
+    """How many points these rows of calls are."""
+    return sum(map(len, made))
+
+
+def same_bits(cube, reference):
+    """Whether a cube has the variables of another one to the bit, and no more."""
+    return {name: cube[name].values.tobytes() for name in cube} == {
+        name: reference[name].values.tobytes() for name in reference
+    }
+
+
 def run_tile(spec, tile):
     """Results of the points of a tile in as few calls as can be, without any scheduling: what all else must give."""
     points, results, done = np.arange(*tile), blank_results(tile.stop - tile.start), 0

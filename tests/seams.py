@@ -17,6 +17,20 @@ def use_kernel(patch, run_many):
     patch.setattr("dimersweep.runs.solving.run_many", run_many)
 
 
+def rows_made(patch, run_many):
+    """Let studies call `run_many`, without a warm-up; the rows of the points that it makes, each call one item."""
+    made = []
+
+    def counting(rows, *rest, until=0, space=None):
+        done = run_many(rows, *rest, until=until)
+        made.append(rows[:done].copy())
+        return done
+
+    use_kernel(patch, counting)
+    no_warm_up(patch)
+    return made
+
+
 def no_work(patch):
     """Fail where a study runs a point."""
     use_kernel(patch, lambda *_, **__: pytest.fail("work was done"))

@@ -11,21 +11,13 @@ import dimersweep
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.grid import finer
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.model.layout import (
-    M_DRIFT,
-    M_REST,
-    OK,
-)
+from dimersweep.kernel.model.layout import M_DRIFT, M_REST, OK
 from dimersweep.storage.store import looked_at
 from dimersweep.storage.tilestore import tiles_of, words_for
-from dimersweep.studies.refine import (
-    Cell,
-    cuts,
-    refine,
-)
+from dimersweep.studies.refine import Cell, cuts, refine
 from dimersweep.studies.search import search, study_of
-from tests.fakes import CODE, SLOT, banded_kernel, failing, forget_some, points_on_disk
-from tests.seams import no_warm_up, no_work, use_kernel
+from tests.fakes import CODE, SLOT, banded_kernel, failing, forget_some, points_made, points_on_disk, same_bits
+from tests.seams import no_work, rows_made, use_kernel
 
 COARSE = {
     "e": {"start": 0.4, "stop": 0.8, "num": 5},
@@ -102,21 +94,14 @@ def test_a_map_is_extended_to_the_bits_of_a_new_one(banded, monkeypatch, tmp_pat
         "coarse.nc": search(grid, out=tmp_path / "coarse.nc", over="beta0", periods=5, progress=False),
         "half.nc": refine(fewer, out=tmp_path / "half.nc", **half),
     }
-    reference, made = refine(grid, **SETTINGS), []
-
-    def counting(*arguments, until, space=None):
-        made.append(banded_kernel(*arguments, until=until))
-        return made[-1]
-
-    use_kernel(monkeypatch, counting)
-    no_warm_up(monkeypatch)
+    reference, made = refine(grid, **SETTINGS), rows_made(monkeypatch, banded_kernel)
     for name, known in former.items():
         made.clear()
         cube = refine(grid, extend=tmp_path / name, **SETTINGS)
-        assert {k: cube[k].values.tobytes() for k in cube} == {k: reference[k].values.tobytes() for k in reference}
+        assert same_bits(cube, reference)
         free = known["n_runs"].where(known["beta0"].isnull(), 0)  # every run was made: no neighbour has led anywhere
         needed = free.where(reference["computed"].sel(e=known["e"], Gamma=known["Gamma"]) == 1, 0)
-        assert 0.05 * reference["n_runs"].sum() < needed.sum() <= reference["n_runs"].sum() - sum(made)
+        assert 0.05 * reference["n_runs"].sum() < needed.sum() <= reference["n_runs"].sum() - points_made(made)
 
 
 def test_a_retry_gives_the_bits_of_a_map_without_failures(banded, monkeypatch, tmp_path):
@@ -126,7 +111,7 @@ def test_a_retry_gives_the_bits_of_a_map_without_failures(banded, monkeypatch, t
         use_kernel(patch, fails)
         refine(COARSE, out=tmp_path / "map.nc", **SETTINGS)
     cube = refine(COARSE, out=tmp_path / "map.nc", retry=True, **SETTINGS)
-    assert {k: cube[k].values.tobytes() for k in cube} == {k: reference[k].values.tobytes() for k in reference}
+    assert same_bits(cube, reference)
     written = (tmp_path / "map.nc").stat().st_mtime_ns
     refine(COARSE, out=tmp_path / "map.nc", retry=True, **SETTINGS)
     assert (tmp_path / "map.nc").stat().st_mtime_ns == written, "nothing failed any more"

@@ -14,8 +14,8 @@ from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import ROW_BETA0
 from dimersweep.studies.refine import refine
 from dimersweep.studies.search import search
-from tests.fakes import failing, fake_run_many
-from tests.seams import another_version, no_warm_up, set_pace, use_kernel
+from tests.fakes import failing, points_made, same_bits
+from tests.seams import another_version, use_kernel
 
 BETA0 = np.linspace(0.1, 1.5, 29)
 GRID = {"f": [15, 25], "beta0": BETA0}
@@ -24,27 +24,8 @@ GRID = {"f": [15, 25], "beta0": BETA0}
 pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
-@pytest.fixture
-def asked(monkeypatch):
-    """Rows that the kernel was asked for."""
-    rows_of_all = []
-
-    def run_many(rows, *rest, until=0, space=None):
-        rows_of_all.append(rows.copy())
-        return fake_run_many(rows, *rest)
-
-    use_kernel(monkeypatch, run_many)
-    set_pace(monkeypatch, 10)
-    no_warm_up(monkeypatch)
-    return rows_of_all
-
-
 def sweep(grid=GRID, fixed=None, **settings):
     return dimersweep.sweep(grid, fixed, **({"periods": 5, "progress": False} | settings))
-
-
-def points(asked):
-    return sum(map(len, asked))
 
 
 @pytest.mark.parametrize(
@@ -64,13 +45,13 @@ def test_points_of_a_cube_are_taken_over(asked, grid, fixed, new):
     reference = sweep(grid, fixed)
     asked.clear()
     cube = sweep(grid, fixed, extend="old.nc", out="new.nc")
-    assert points(asked) == new
+    assert points_made(asked) == new
     xr.testing.assert_equal(cube, reference)
-    assert {name: cube[name].values.tobytes() for name in cube} == {n: reference[n].values.tobytes() for n in reference}
+    assert same_bits(cube, reference)
     assert cube.attrs["extends"].startswith("old.nc, configuration sha256 ")
     asked.clear()
     xr.testing.assert_equal(sweep(grid, fixed, extend="old.nc"), reference)
-    assert points(asked) == new
+    assert points_made(asked) == new
 
 
 def test_values_match_bit_for_bit_or_not_at_all(asked):
@@ -79,7 +60,7 @@ def test_values_match_bit_for_bit_or_not_at_all(asked):
     moved = BETA0.copy()
     moved[ROW_BETA0] = np.nextafter(moved[ROW_BETA0], 2)
     sweep({"f": [15, 25], "beta0": moved}, extend="old.nc")
-    assert points(asked) == 2
+    assert points_made(asked) == 2
     assert {row[ROW_BETA0] for rows in asked for row in rows} == {moved[ROW_BETA0]}
 
 
@@ -129,14 +110,14 @@ def test_failed_points_are_run_again(monkeypatch, asked):
     assert failed == 8
     asked.clear()
     assert sweep(out="cube.nc")["mode"].equals(cube["mode"])  # not without being asked
-    assert points(asked) == 0
+    assert points_made(asked) == 0
     again = sweep(out="cube.nc", retry=True)
-    assert points(asked) == failed
+    assert points_made(asked) == failed
     xr.testing.assert_equal(again, reference)
     xr.testing.assert_equal(dimersweep.open_cube("cube.nc"), reference)
     asked.clear()
     sweep(out="cube.nc", retry=True)
-    assert points(asked) == 0
+    assert points_made(asked) == 0
 
 
 def test_a_stopped_sweep_runs_its_failed_points_again(monkeypatch, asked):

@@ -23,8 +23,8 @@ from dimersweep.studies.search import search, study_of, waves
 from dimersweep.studies.status import status
 from dimersweep.work.stopping import StopFlag
 from dimersweep.work.tiles import attempt
-from tests.fakes import failing, fake_run_many, forget_some, raising
-from tests.seams import no_warm_up, no_work, set_pace, use_kernel
+from tests.fakes import failing, fake_run_many, forget_some, points_made, raising, same_bits
+from tests.seams import no_work, set_pace, use_kernel
 
 # with the fake kernel no start drifts where f is small, some do elsewhere
 GRID = {"f": [0.2, 0.3, 0.4, 0.5, 1, 3, 9], "e": [0.5, 0.6, 0.7], "beta0": {"start": 0.03, "stop": 0.3, "num": 19}}
@@ -138,51 +138,31 @@ def test_a_search_that_is_stopped_keeps_what_it_has(fake_kernel, monkeypatch, tm
     xr.testing.assert_equal(quiet_search(out=out), reference)
 
 
-@pytest.fixture
-def runs_made(monkeypatch):
-    """How many runs each call of the kernel has made."""
-    made = []
-
-    def counting(*arguments, until, space=None):
-        made.append(fake_run_many(*arguments, until=until))
-        return made[-1]
-
-    use_kernel(monkeypatch, counting)
-    no_warm_up(monkeypatch)
-    return made
-
-
 QUESTIONS = [{"ask": "any"}, {"ask": "all", "mode": "rest"}, {"ask": "first"}, {"ask": "fraction"}]
 MORE = GRID | {"f": np.union1d(GRID["f"], [0.25, 2, 4]), "e": [0.5, 0.55, 0.6, 0.7]}
 
 
-def same_bits(cube, reference):
-    return {name: cube[name].values.tobytes() for name in reference} == {
-        name: reference[name].values.tobytes() for name in reference
-    }
-
-
 @pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question["ask"])
-def test_a_search_is_extended_to_the_bits_of_a_new_one(runs_made, tmp_path, question):
+def test_a_search_is_extended_to_the_bits_of_a_new_one(asked, tmp_path, question):
     old = quiet_search(out=tmp_path / "old.nc", **question)
-    runs_made.clear()
+    asked.clear()
     reference = quiet_search(MORE, **question)
-    whole, known = sum(runs_made), reference["n_runs"].sel(f=old["f"], e=old["e"])
-    runs_made.clear()
+    whole, known = points_made(asked), reference["n_runs"].sel(f=old["f"], e=old["e"])
+    asked.clear()
     cube = quiet_search(MORE, extend=tmp_path / "old.nc", out=tmp_path / "new.nc", **question)
     assert same_bits(cube, reference) and cube.attrs["extends"].startswith("old.nc, configuration sha256 ")
     # what a neighbour led to is tried again where it was led otherwise; nothing that took every run, or was not led, is
     free = known.sum() if question["ask"] in ("first", "fraction") else known.where(known == 19, 0).sum()
-    assert free > 0 and sum(runs_made) <= whole - free
+    assert free > 0 and points_made(asked) <= whole - free
     assert same_bits(quiet_search(MORE, extend=tmp_path / "new.nc", **question), reference)
 
 
-def test_a_parameter_that_was_fixed_becomes_an_axis_of_a_search(runs_made, tmp_path):
+def test_a_parameter_that_was_fixed_becomes_an_axis_of_a_search(asked, tmp_path):
     grid = {"f": GRID["f"], "beta0": GRID["beta0"]}
     quiet_search(grid, {"e": 0.6}, ask="first", out=tmp_path / "old.nc")
-    runs_made.clear()
+    asked.clear()
     cube = quiet_search(GRID, ask="first", extend=tmp_path / "old.nc")
-    assert sum(runs_made) == cube["n_runs"].drop_sel(e=0.6).sum()
+    assert points_made(asked) == cube["n_runs"].drop_sel(e=0.6).sum()
     assert same_bits(cube, quiet_search(ask="first"))
 
 
@@ -223,13 +203,13 @@ def test_a_retry_gives_the_bits_of_a_search_without_failures(fake_kernel, monkey
     assert same_bits(quiet_search(out=out, retry=True, **question), reference)
 
 
-def test_a_retry_searches_again_only_where_a_failure_may_have_led(fake_kernel, monkeypatch, runs_made, tmp_path):
+def test_a_retry_searches_again_only_where_a_failure_may_have_led(fake_kernel, monkeypatch, asked, tmp_path):
     with monkeypatch.context() as patch:
         use_kernel(patch, failing(lambda rows: (rows[:, 3] == 3) & (rows[:, 0] == 0.6)))
         quiet_search(out=tmp_path / "cube.nc")
-    runs_made.clear()
+    asked.clear()
     cube = quiet_search(out=tmp_path / "cube.nc", retry=True)
-    assert 0 < sum(runs_made) < cube["n_runs"].where(names(cube["answer"]) == "yes", 0).sum()
+    assert 0 < points_made(asked) < cube["n_runs"].where(names(cube["answer"]) == "yes", 0).sum()
 
 
 def test_a_long_point_can_be_stopped_within(monkeypatch):

@@ -24,8 +24,8 @@ from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.status import status
 from dimersweep.studies.sweep import study_of
 from dimersweep.work.tiles import attempt
-from tests.fakes import fake_run_many, points_on_disk
-from tests.seams import another_version, no_warm_up, no_work, set_pace, use_kernel
+from tests.fakes import points_made, points_on_disk
+from tests.seams import another_version, no_work, set_pace
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 40, "step": 1, "unit": "deg"}}
 SPEC = study_of(GRID, periods=5)
@@ -48,17 +48,9 @@ def left_behind(*tiles):
 
 
 @pytest.fixture
-def counted(monkeypatch):
-    """Numbers of points that the kernel was asked for, each call one item."""
-    asked = []
-
-    def run_many(rows, *rest, until=0, space=None):
-        asked.append(len(rows))
-        return fake_run_many(rows, *rest)
-
-    use_kernel(monkeypatch, run_many)
+def counted(asked, monkeypatch):
+    """The rows of the points that are run, in tasks of ten."""
     set_pace(monkeypatch, 10)
-    no_warm_up(monkeypatch)
     return asked
 
 
@@ -67,7 +59,7 @@ def test_finished_tiles_are_not_run_again(counted):
     left_behind((0, 30), (50, 60))
     counted.clear()
     xr.testing.assert_equal(sweep(), reference)
-    assert sum(counted) == 120 - 40
+    assert points_made(counted) == 120 - 40
     assert os.listdir() == ["cube.nc"]
 
 
@@ -111,9 +103,9 @@ def forge(**columns):
 
 def forge_modes(*codes):
     """Change modes in the results of the second row, with a true checksum."""
-    points = attempt(SPEC, (Tile(50, 60),)).finished[0].results.copy()
-    points["codes"][: len(codes), 1] = codes
-    forge(results=points.tobytes())
+    results = attempt(SPEC, (Tile(50, 60),)).finished[0].results.copy()
+    results["codes"][: len(codes), 1] = codes
+    forge(results=results.tobytes())
 
 
 OTHER = "tile 50 has other bytes than were written"
@@ -148,7 +140,7 @@ def test_damaged_results_are_told_and_computed_again(counted, damage, told):
     assert status(Path("cube.nc"))[0].startswith("cube.nc: ")
     with pytest.warns(RuntimeWarning, match=rf"^cube.nc.tiles: damaged results are computed again \(({told})\)$"):
         cube = sweep()
-    assert sum(counted) in (120 - 30, 120 - 40)
+    assert points_made(counted) in (120 - 30, 120 - 40)
     xr.testing.assert_equal(cube, reference)
     assert os.listdir() == ["cube.nc"]
 
@@ -226,12 +218,12 @@ def test_force_keeps_what_fits_and_clears_what_does_not(counted):
     left_behind((0, 30))
     counted.clear()
     sweep(force=True)
-    assert sum(counted) == 120 - 30
+    assert points_made(counted) == 120 - 30
     Path("cube.nc").unlink()
     left_behind((0, 30))
     counted.clear()
     sweep(force=True, periods=6)
-    assert sum(counted) == 120
+    assert points_made(counted) == 120
 
 
 def test_status_reads_while_another_writes():
@@ -378,7 +370,7 @@ def test_a_full_disk_keeps_what_was_finished_before(counted, monkeypatch):
     assert kept > 0
     counted.clear()
     sweep()
-    assert sum(counted) == 120 - kept
+    assert points_made(counted) == 120 - kept
 
 
 @pytest.fixture
@@ -481,8 +473,8 @@ def test_any_client_of_sqlite_can_read_it():
     left_behind((0, 30), (50, 60))
     with closing(sqlite3.connect(f"file:{STORE}?mode=ro", uri=True)) as file:
         assert dict(file.execute("SELECT name, value FROM about"))["points"] == 120
-        ((points, modes),) = file.execute("SELECT sum(stop - start), group_concat(what) FROM tiles")
-        assert points == 40 and "drift" in modes
+        ((kept, modes),) = file.execute("SELECT sum(stop - start), group_concat(what) FROM tiles")
+        assert kept == 40 and "drift" in modes
         ((results,),) = file.execute("SELECT results FROM tiles WHERE start = 50")
     whole = attempt(SPEC, (Tile(50, 60),)).finished[0].results
     assert np.frombuffer(results, whole.dtype).tobytes() == whole.tobytes()
@@ -510,7 +502,7 @@ def test_what_a_kill_has_left_half_written_is_taken_back(counted, recwarn):
     assert STORE.read_bytes() == half
     counted.clear()
     xr.testing.assert_equal(sweep(), reference)
-    assert sum(counted) == 120 - 40
+    assert points_made(counted) == 120 - 40
     assert not recwarn.list and os.listdir() == ["cube.nc"]
 
 
