@@ -401,12 +401,12 @@ def test_blocks_of_another_cube_are_whole_lines(monkeypatch, both):
 
 def test_a_plan_times_lines():
     told = plan(study_of(GRID, carry="both", periods=30), workers=2)
-    assert (told.to_run, told.grid_points, told.line) == (40, 40, 10)
+    assert (told.to_run, told.study.grid.size, told.study.line) == (40, 40, 10)
     lines = told.lines()
     assert lines[0] == "points: 40" and "4 random lines" in lines[-1]
     assert told.tile_points % 10 == 0
     long = plan(study_of({"Gamma": np.linspace(0.7, 1.2, 2001)}, carry="up", periods=5), workers=2)
-    assert (long.to_run, long.line, long.times.size) == (2001, 2001, 1)
+    assert (long.to_run, long.study.line, long.times.size) == (2001, 2001, 1)
 
 
 def test_a_cube_may_be_written_block_by_block(both):

@@ -49,6 +49,6 @@ def test_a_map_takes_the_points_and_the_time_that_were_planned_and_at_most_a_thi
     spec = study_of(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
     told = plan(refining.study_of(spec, halvings, None), 1)
     cube = refine(COARSE, halvings=halvings, over="beta0", periods=5, progress=False)
-    assert told.times.size == told.units == 20
+    assert told.times.size == told.sample.units == 20
     assert told.to_run <= int(cube["computed"].sum()) <= 1.33 * told.to_run
     assert told.seconds[0] <= float(cube["n_runs"].sum()) <= 1.33 * told.seconds[0]

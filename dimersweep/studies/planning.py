@@ -13,7 +13,7 @@ from dimersweep.cubes.cube import signed
 from dimersweep.cubes.results import blank_results, not_run
 from dimersweep.storage.store import finished_at
 from dimersweep.storage.tilestore import tiles_of
-from dimersweep.studies.study import MOST_PARTS, Study
+from dimersweep.studies.study import MOST_PARTS, Sample, Study
 from dimersweep.work.proving import prove
 from dimersweep.work.scheduling import TILES_PER_WORKER
 from dimersweep.work.stopping import stoppable
@@ -28,37 +28,29 @@ class Plan:
 
     Parameters
     ----------
-    grid_points, done, workers : int
-        Points of the cube, those among them that are finished already, and threads to be.
-    bytes_per_point : int
-        Of a cube, not compressed.
-    units : int
-        Of what was sampled: points, or cells of the coarse grid of a map.
-    unit : str
-        What it is called.
+    study : Study
+    done, workers : int
+        Points that are finished already, and threads to be.
+    sample : Sample
+        What was run of it.
     points : ndarray, shape (n,), float64
         Points to run for each unit of the sample; a share of those that others need too.
     times : ndarray, shape (n,), float64
         Their times [s].
-    line : int
-        Points that are run in one piece, see `Grid.line`.
     """
 
-    grid_points: int
+    study: Study
     done: int
     workers: int
-    bytes_per_point: int
-    units: int
-    unit: str
+    sample: Sample
     points: np.ndarray
     times: np.ndarray
-    line: int = 1
 
     def _total(self, values: np.ndarray) -> tuple[float, float]:
         """What the sample says of the sum of `values` over all units, and its standard error."""
-        n = values.size
-        spread = inf if n < 2 < self.units else float(values.std(ddof=min(1, n - 1)))
-        return self.units * float(values.mean()), self.units * spread * sqrt((1 - n / self.units) / n)
+        n, units = values.size, self.sample.units
+        spread = inf if n < 2 < units else float(values.std(ddof=min(1, n - 1)))
+        return units * float(values.mean()), units * spread * sqrt((1 - n / units) / n)
 
     @property
     def to_run(self) -> int:
@@ -69,7 +61,8 @@ class Plan:
     def tile_points(self) -> int:
         """Points in a tile."""
         longest = ceil(self.to_run / (TILES_PER_WORKER * self.workers))
-        return self.line * max(1, min(longest, int(TILE_SECONDS * self.points.sum() / self.times.sum())) // self.line)
+        length = min(longest, int(TILE_SECONDS * self.points.sum() / self.times.sum()))
+        return self.study.line * max(1, length // self.study.line)
 
     @property
     def seconds(self) -> tuple[float, float]:
@@ -80,21 +73,21 @@ class Plan:
 
     def lines(self) -> list[str]:
         """The plan in words."""
-        left, (seconds, error) = self.to_run - self.done, self.seconds
+        left, (seconds, error), size = self.to_run - self.done, self.seconds, self.study.grid.size
         points = f"{self.to_run}"
-        if not np.allclose(self.points, self.line):  # of a map
+        if not np.allclose(self.points, self.study.line):  # of a map
             spread = self._total(self.points)[1]
-            points = (
-                f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {self.grid_points}"
-            )
+            points = f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {size}"
         done = f", {self.done} of them done" if self.done else ""
+        first = replace(self.study, grid=self.study.grid.window(0, 1)[0])
+        cube = signed(first.as_cube(blank_results(1, first.kind)), first.configuration())
         low, middle, high = (_time(float(value)) for value in np.quantile(self.times, (0, 0.5, 1)))
         return [
             f"points: {points}{done}",
             f"tiles: {ceil(left / self.tile_points)} of {self.tile_points} points",
-            f"cube: {_bytes(self.grid_points * self.bytes_per_point)} before compression",
+            f"cube: {_bytes(size * sum(variable.nbytes for variable in cube.data_vars.values()))} before compression",
             f"time: {_time(seconds)} on {self.workers} threads, give or take {_time(error)} (standard error)",
-            f"sample: {self.times.size} {self.unit}, {_time(float(self.times.mean()))} each on average "
+            f"sample: {self.times.size} {self.sample.unit}, {_time(float(self.times.mean()))} each on average "
             f"(shortest {low}, median {middle}, longest {high})",
         ]
 
@@ -118,19 +111,8 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
     stoppable(lambda _: prove())  # and compile
     sample = study.sample(np.random.default_rng(_SEED))
     costs = np.array(list(_for_some_time((_cost(*part) for part in sample.parts), sample.seconds)))
-    first = replace(study, grid=study.grid.window(0, 1)[0])
-    cube = signed(first.as_cube(blank_results(1, study.kind)), study.configuration())
-    return Plan(
-        study.grid.size,
-        _done(study, out),
-        workers,
-        sum(variable.nbytes for variable in cube.data_vars.values()),
-        sample.units,
-        sample.unit,
-        costs[:, 0],
-        costs[:, 1],
-        study.line,
-    )
+    rows = [] if out is None else finished_at(tiles_of(out), study.configuration())
+    return Plan(study, sum(row.stop - row.start for row in rows), workers, sample, *costs.T)
 
 
 Cost = tuple[float, float]  # points to run, and their time [s]
@@ -151,11 +133,6 @@ def _cost(part: Study, shares: np.ndarray) -> Cost:
     made = ~not_run(results["codes"])
     runs = results["counts"].sum(axis=1) if "counts" in (part.kind.names or ()) else made
     return float(shares[made].sum()), seconds * float(shares @ runs) / float(runs.sum())
-
-
-def _done(study: Study, out: Path | None) -> int:
-    rows = [] if out is None else finished_at(tiles_of(out), study.configuration())
-    return sum(row.stop - row.start for row in rows)
 
 
 def _bytes(number: float) -> str:
