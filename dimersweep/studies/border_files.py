@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from dimersweep.cubes.grid import axis_values, evenly
 from dimersweep.cubes.results import Tile
@@ -33,7 +33,7 @@ from dimersweep.storage.formats.netcdf import read_netcdf, write_netcdf
 from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.storage.store import Store, StoredTile, finished_at, opened_store
-from dimersweep.studies.declaration import explain, read_toml, refuse_mistakes
+from dimersweep.studies.declaration import read_sections
 from dimersweep.symbols import PARAMETERS, START
 from dimersweep.work.computing import settle_way
 
@@ -137,16 +137,7 @@ def read_borders(path: str | os.PathLike[str]) -> Borders:
     ParameterError
         Naming the word or the value that is not allowed.
     """
-    path = Path(path)
-    raw, mistakes = read_toml(path), []
-    try:
-        _judge(Borders.model_validate(raw))
-    except ValidationError as error:
-        mistakes = explain(error, Borders)
-    except ParameterError as error:
-        mistakes = [str(error)]
-    refuse_mistakes(path, mistakes)
-    return Borders.model_validate(raw)
+    return read_sections(Path(path), Borders, _judge)
 
 
 def _judge(declared: Borders) -> None:

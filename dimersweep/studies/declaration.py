@@ -4,10 +4,10 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -133,16 +133,18 @@ class Declaration(SweepFileSection):
             return sweep.study_of(self.grid, self.fixed, points=points, **given)
         if self.points or self.grid is None:
             raise ParameterError("points: is for sweeps; a search has a grid")
-        if self.sweep.strobes:
-            raise ParameterError(f"sweep.strobes = {self.sweep.strobes}: is for sweeps of a whole grid")
-        if carry:
-            raise ParameterError(
-                f"carry = {carry!r}: is for sweeps of a whole grid; a search starts each run by itself"
-            )
-        if certify:
-            raise ParameterError("certify: is for sweeps of a whole grid; a search does not take it")
-        if not self.sweep.stop_when_settled:
-            raise ParameterError("sweep.stop_when_settled = false: a search stops each run that has settled")
+        whole = "is for sweeps of a whole grid"
+        for given_too, told in (
+            (self.sweep.strobes, f"sweep.strobes = {self.sweep.strobes}: {whole}"),
+            (carry, f"carry = {carry!r}: {whole}; a search starts each run by itself"),
+            (certify, f"certify: {whole}; a search does not take it"),
+            (
+                not self.sweep.stop_when_settled,
+                "sweep.stop_when_settled = false: a search stops each run that has settled",
+            ),
+        ):
+            if given_too:
+                raise ParameterError(told)
         paths = None if self.paths is None else self.paths.model_dump()
         question = search.study_of(self.grid, self.fixed, paths=paths, **self.search.model_dump(), **given)
         return question if self.refine is None else refine.study_of(question, **self.refine.model_dump())
@@ -191,50 +193,51 @@ def _of_parameters(raw: Mapping[str, Any]) -> list[str]:
     return mistakes
 
 
-def _mistakes(raw: Mapping[str, Any]) -> list[str]:
-    """All that is wrong with a declaration, as far as it can be judged piece by piece."""
-    mistakes = []
-    try:
-        declaration = Declaration.model_validate(raw)
-    except ValidationError as error:
-        mistakes = explain(error, Declaration)
-    mistakes += _of_parameters(raw)
-    if not mistakes:
-        try:
-            declaration.study()
-        except ParameterError as error:
-            mistakes = [str(error)]
-    return mistakes
+M = TypeVar("M", bound=BaseModel)
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """What a file of TOML says.
+def read_sections(
+    path: Path, whole: type[M], judge: Callable[[M], object], piecewise: Callable[[Any], list[str]] = lambda raw: []
+) -> M:
+    """What a file of TOML says, judged.
+
+    Parameters
+    ----------
+    path : Path
+    whole : type
+        The sections that it may have.
+    judge : callable
+        Raises a ParameterError if sections that are allowed one by one are not allowed together.
+    piecewise : callable
+        What else is wrong with single values, each in one line.
 
     Raises
     ------
     ParameterError
-        If it cannot be read, or is none.
+        If it cannot be read; or with all its mistakes, as far as they can be told piece by piece, a line for each.
     """
     text = read_text(path)
     try:
-        return tomllib.loads(text)
+        raw = tomllib.loads(text)
     except RecursionError:
         raise ParameterError(f"{path}: is nested too deeply") from None
     except tomllib.TOMLDecodeError as error:
         raise ParameterError(f"{path}: is no valid TOML ({error})") from None
-
-
-def refuse_mistakes(path: Path, mistakes: list[str]) -> None:
-    """Refuse a file that has mistakes, a line for each.
-
-    Raises
-    ------
-    ParameterError
-    """
+    mistakes = []
+    try:
+        declared = whole.model_validate(raw)
+    except ValidationError as error:
+        mistakes = explain(error, whole)
+    mistakes += piecewise(raw)
+    if not mistakes:
+        try:
+            judge(declared)
+            return declared
+        except ParameterError as error:
+            mistakes = [str(error)]
     if len(mistakes) > 1:
         raise ParameterError(f"{path}: {len(mistakes)} mistakes" + "".join(f"\n  {line}" for line in mistakes))
-    if mistakes:
-        raise ParameterError(f"{path}: {mistakes[0]}")
+    raise ParameterError(f"{path}: {mistakes[0]}")
 
 
 def read_declaration(path: str | os.PathLike[str]) -> Declaration:
@@ -265,12 +268,13 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     (200, [15, 20, 25])
     """
     path = Path(path)
-    raw = read_toml(path)
-    points = raw.get("points")
-    if isinstance(points, dict) and isinstance(points.get("file"), str):
-        points["file"] = str(path.parent / points["file"])
-    refuse_mistakes(path, _mistakes(raw))
-    return Declaration.model_validate(raw)
+
+    def judge(declared: Declaration) -> None:
+        if declared.points is not None and declared.points.file is not None:
+            declared.points.file = str(path.parent / declared.points.file)
+        declared.study()
+
+    return read_sections(path, Declaration, judge, _of_parameters)
 
 
 def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> Declaration:
