@@ -1,6 +1,6 @@
 """Boundaries at the cost of their length: cells of a coarse grid are halved only where the answers of a search disagree."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -35,29 +35,27 @@ class Cell(NamedTuple):
     origin: tuple[int, ...]
     size: tuple[int, ...]
 
+    def spans(self) -> Iterator[tuple[int, int]]:
+        """Its lowest place and its extent along each axis."""
+        return zip(self.origin, self.size, strict=True)
+
     def corners(self) -> list[tuple[int, ...]]:
         """Places of the corners."""
-        return list(product(*((o, o + s) for o, s in zip(self.origin, self.size, strict=True))))
+        return list(product(*((o, o + s) for o, s in self.spans())))
 
     def faces(self) -> list[tuple[slice, ...]]:
         """Boxes, borders included, that the cell falls into along the axes on which it cannot be cut any more."""
-        spans = [
-            [slice(o, o + s + 1)] if s > 1 else [slice(o, o + 1), slice(o + 1, o + 2)]
-            for o, s in zip(self.origin, self.size, strict=True)
-        ]
-        return list(product(*spans))
+        ends = ([slice(o, o + s + 1)] if s > 1 else [slice(o, o + 1), slice(o + 1, o + 2)] for o, s in self.spans())
+        return list(product(*ends))
 
     def halves(self, along: set[int]) -> list["Cell"]:
         """The cell cut in two along each axis in `along`."""
-        cuts = [
-            [(o, s // 2), (o + s // 2, s // 2)] if k in along else [(o, s)]
-            for k, (o, s) in enumerate(zip(self.origin, self.size, strict=True))
-        ]
-        return [Cell(*map(tuple, zip(*part, strict=True))) for part in product(*cuts)]
+        cut = ([(o, s // 2), (o + s // 2, s // 2)] if k in along else [(o, s)] for k, (o, s) in enumerate(self.spans()))
+        return [Cell(*zip(*part, strict=True)) for part in product(*cut)]
 
     def torn(self, labels: np.ndarray) -> set[int]:
         """Axes along which known labels (not -1) of its points disagree."""
-        part = labels[tuple(slice(o, o + s + 1) for o, s in zip(self.origin, self.size, strict=True))]
+        part = labels[tuple(slice(o, o + s + 1) for o, s in self.spans())]
         if not _differ(part).any():
             return set()
         axes = set(range(part.ndim))
@@ -65,10 +63,8 @@ class Cell(NamedTuple):
 
     def inside(self, axis: int = 0, margin: int = 0) -> tuple[slice, ...]:
         """The cells of the fine grid that it covers, and as many as `margin` more at both its ends along `axis`."""
-        return tuple(
-            slice(max(0, o - margin), o + s + margin) if k == axis else slice(o, o + s)
-            for k, (o, s) in enumerate(zip(self.origin, self.size, strict=True))
-        )
+        more = [margin * (k == axis) for k in range(len(self.origin))]
+        return tuple(slice(max(0, o - m), o + s + m) for (o, s), m in zip(self.spans(), more, strict=True))
 
 
 def _differ(labels: np.ndarray, axis: int | None = None) -> Any:
