@@ -129,23 +129,19 @@ def _opened(path: Path) -> Iterator[xr.Dataset]:
     if not os.path.exists(path):  # a name that no file can have is no error for it
         raise StoreError(f"{path}: no such file")
     with found.opened(path) as cube:
-        yield _sound(cube, path, found.noun)
-
-
-def _sound(cube: xr.Dataset, path: Path, kind: str) -> xr.Dataset:
-    configuration = told_by(cube, "cube", path, kind)
-    try:
-        intact = "mode" in cube and set(configuration.get("grid", {})) <= set(cube.dims)
-        intact = intact and _fixed_as_configured(cube, configuration)
-        for name in set(FLAGS) & set(cube.variables):
-            check_codes(cube[name])
-    except StoreError as error:
-        raise StoreError(f"{path}: {error}") from None
-    except (ValueError, TypeError, AttributeError):
-        intact = False
-    if not intact:
-        raise changed("cube", path)
-    return cube
+        configuration = told_by(cube, "cube", path, found.noun)
+        try:
+            intact = "mode" in cube and set(configuration.get("grid", {})) <= set(cube.dims)
+            intact = intact and _fixed_as_configured(cube, configuration)
+            for name in set(FLAGS) & set(cube.variables):
+                check_codes(cube[name])
+        except StoreError as error:
+            raise StoreError(f"{path}: {error}") from None
+        except (ValueError, TypeError, AttributeError):
+            intact = False
+        if not intact:
+            raise changed("cube", path)
+        yield cube
 
 
 def _fixed_as_configured(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:

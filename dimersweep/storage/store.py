@@ -341,13 +341,6 @@ def _how(lock: Lock) -> str:
     return "mode=rwc" if lock.honest else "mode=rwc&nolock=1"
 
 
-def _is_ours(head: bytes) -> bool:
-    """Whether a file that begins like this may be deleted, damaged or not: it has our mark, or is too short for one."""
-    if len(head) < PLACE_OF_APPLICATION.stop:
-        return MAGIC.startswith(head[: len(MAGIC)])
-    return head[PLACE_OF_APPLICATION] == APPLICATION.to_bytes(4)
-
-
 def _refuse_others(path: Path) -> None:
     """Refuse what is no file of the program's where its store is to be, or was.
 
@@ -408,7 +401,9 @@ def _locked(path: Path) -> Iterator[Lock]:
     except BlockingIOError:
         raise StoreError(f"{path}: a sweep is at work here ({holder(path)}); wait for it or stop it first") from None
     try:
-        if not _is_ours(lock.head()):
+        head = lock.head()  # what has our mark, or is too short for one, may be deleted, damaged or not
+        short = len(head) < PLACE_OF_APPLICATION.stop and MAGIC.startswith(head[: len(MAGIC)])
+        if not short and head[PLACE_OF_APPLICATION] != APPLICATION.to_bytes(4):
             other = "lacks the mark of dimersweep, where what is finished is kept"
             raise StoreError(f"{path}: {other}; move it, or give another output")
         yield lock

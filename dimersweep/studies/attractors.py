@@ -145,7 +145,9 @@ def attractors(
     how = run_settings(periods=periods, max_periods=max_periods, rtol=rtol)
     columns = drawn_starts(ranges, fixed, points, starts, seed)
     name, values = _axis_of(over, columns)
-    mirrored, wanted = check_switch("mirror", mirror), check_level_of(level)
+    mirrored, wanted = check_switch("mirror", mirror), as_number("level", level)
+    if not 0 < wanted < 1:
+        raise ParameterError(f"level = {wanted:g}: must be in (0, 1)")
     longest = 0 if confirm == 0 else check_count("confirm", confirm)
     n = len(next(iter(columns.values())))
     table = {key: np.tile(column, values.size) for key, column in columns.items()}
@@ -168,19 +170,6 @@ def attractors(
         about = attributes(asked, "Attractors and the shares of starts that lead to them", perf_counter() - began)
         write_cube(without_fill(storable(data).assign_attrs(about)), out, force=force)
     return data
-
-
-def check_level_of(level: Any) -> float:
-    """A confidence as a float in (0, 1).
-
-    Raises
-    ------
-    ParameterError
-    """
-    value = as_number("level", level)
-    if not 0 < value < 1:
-        raise ParameterError(f"level = {value:g}: must be in (0, 1)")
-    return value
 
 
 def _check_one_plate(fixed: Mapping[str, float], table: Mapping[str, np.ndarray]) -> None:

@@ -101,11 +101,6 @@ def cuts(cells: Sequence[Cell], labels: np.ndarray) -> dict[Cell, set[int]]:
     return chosen
 
 
-def _coarse_cells(shape: Sequence[int], parts: Sequence[int]) -> list[Cell]:
-    starts = (range(0, n - 1, part) for n, part in zip(shape, parts, strict=True))
-    return [Cell(origin, tuple(parts)) for origin in product(*starts)]
-
-
 @dataclass(frozen=True, kw_only=True)
 class RefinedMap(Search):
     """A search on a fine grid, of which only the points that are needed are computed; see `Search`.
@@ -153,7 +148,9 @@ class RefinedMap(Search):
         What was known before is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
         """
         findings = Findings(self, hired, known)
-        cells = _coarse_cells(self.grid.shape, [1 << count for count in self.halvings.values()])
+        extent = tuple(1 << count for count in self.halvings.values())
+        starts = (range(0, n - 1, part) for n, part in zip(self.grid.shape, extent, strict=True))
+        cells = [Cell(origin, extent) for origin in product(*starts)]
         self._search_corners(findings, cells, cells)
         while True:
             regions = self.labels[self.regions(findings.results)]

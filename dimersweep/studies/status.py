@@ -32,13 +32,9 @@ def status(path: Path) -> list[str]:
         with looked_at(tiles_of(out)) as store:
             return _of_tiles(out, store)
     if os.path.exists(out):
-        return _of_cube(out)
+        tally = Counter(count_modes(out))
+        return [f"{out}: complete, {tally.total()} points", f"modes: {_words(tally)}"]
     raise StoreError(f"{out}: no such cube, and no sweep for it (there is no {tiles_of(out)})")
-
-
-def _of_cube(out: Path) -> list[str]:
-    tally = Counter(count_modes(out))
-    return [f"{out}: complete, {tally.total()} points", f"modes: {_words(tally)}"]
 
 
 def _of_tiles(out: Path, store: Store) -> list[str]:

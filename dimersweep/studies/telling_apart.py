@@ -207,8 +207,5 @@ def distance(former: Sort, later: Sort, name: str, value: float, mirrors: Mirror
             return far if far < ALIKE_WITHIN else float("inf")
         except (OrbitError, OrbitLost):
             pass
-    return 1.0 + apart(former.portrait, later.portrait, mirrors) if _one_word(former, later) else float("inf")
-
-
-def _one_word(a: Sort, b: Sort) -> bool:
-    return a.portrait is not None and b.portrait is not None and a.portrait.word == b.portrait.word
+    same = former.portrait.word == later.portrait.word
+    return 1.0 + apart(former.portrait, later.portrait, mirrors) if same else float("inf")

@@ -122,7 +122,10 @@ class Crew(ExitStack):
                 if also:
                     also(tile)
                 if self.options.fail_fast and not_ok(tile.codes).any():
-                    failures.append(_failure(work, tile))
+                    row = int(not_ok(tile.codes).argmax())
+                    point, status = tile.tile.start + row, tile.codes[row, CODE_STATUS]
+                    words = f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
+                    failures.append((point, f"{work.grid.point(point)} failed: {words}"))
                     self._stop.set()
                 modes.update(tally(tile.codes))
             if modes:
@@ -165,11 +168,3 @@ def settle_way(*, progress: bool) -> None:
             future.result()
     if stop.is_set():
         raise Stopped("nothing was begun", stop.signal)
-
-
-def _failure(work: Work, finished: Finished) -> tuple[int, str]:
-    """The number of the first point of a tile that failed, and why it did."""
-    row = int(not_ok(finished.codes).argmax())
-    status = finished.codes[row, CODE_STATUS]
-    number = finished.tile.start + row
-    return number, f"{work.grid.point(number)} failed: {STATUSES[status]}: {STATUS_MESSAGES[status]}"

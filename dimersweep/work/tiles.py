@@ -128,7 +128,10 @@ def attempt(
     results = blank_results(points.size, work.kind)
     with (stop or StopFlag()).space() as space:
         done, broken = _advanced(work, points, results, space, begun + OVERTIME * seconds)
-    _one_nan(results)
+    for name in results.dtype.names or ():
+        values = results[name]
+        if values.dtype.kind == "f":
+            values[np.isnan(values)] = np.nan  # every NaN has the same bits, whatever operation made it
     return Made(_cut(tiles, results[:done], perf_counter() - begun, shift), broken and broken.moved(shift))
 
 
@@ -154,14 +157,6 @@ def _advanced(
             break
         batch = line * max(1, min(2 * batch, int(CHUNK_SECONDS * done / max(now - begun, 1e-9))) // line)
     return done, None
-
-
-def _one_nan(results: np.ndarray) -> None:
-    """Give every NaN the same pattern of bits, whatever operation made it."""
-    for name in results.dtype.names or ():
-        values = results[name]
-        if values.dtype.kind == "f":
-            values[np.isnan(values)] = np.nan
 
 
 def _cut(tiles: Bundle, results: np.ndarray, seconds: float, shift: int) -> list[Finished]:

@@ -39,13 +39,10 @@ def write_netcdf(dataset: xr.Dataset, path: Path, scratch: Path | None = None) -
     """Write a dataset to a temporary file, see `replacing`, which then takes the name `path` in one step."""
     with replacing(path, scratch) as temporary:
         for number, part in enumerate(_parts(dataset)):
-            _write_part(part, temporary, "a" if number else "w")
-
-
-def _write_part(part: xr.Dataset, path: Path, mode: str) -> None:
-    # without locks of xarray's: it would wait for those that are held, and ask a cluster that may have gone for one more
-    with ONE_THREAD, NetCDF4DataStore.open(os.fspath(path), mode, lock=DummyLock()) as store:
-        part.dump_to_store(store)
+            # without xarray's locks: it would wait for those that are held, and ask a cluster that may have gone for one more
+            mode, name = "a" if number else "w", os.fspath(temporary)
+            with ONE_THREAD, NetCDF4DataStore.open(name, mode, lock=DummyLock()) as store:
+                part.dump_to_store(store)
 
 
 def read_netcdf(path: Path) -> xr.Dataset:
@@ -67,26 +64,17 @@ def opened_netcdf(path: Path) -> Iterator[xr.Dataset]:
         raise StoreError(f"{path}: is a folder; give a NetCDF file")
     if not os.path.isfile(path):  # a name that no file can have is no error for it
         raise StoreError(f"{path}: no such file")
-    with _damage_named(path), ONE_THREAD:
-        declared, size = _declared_bytes(path), path.stat().st_size
-        if declared > DEFLATED * size:
-            raise StoreError(f"{path}: declares {declared} bytes, which its {size} cannot hold; it is damaged")
-        with xr.open_dataset(path, engine="netcdf4", cache=False, lock=DummyLock()) as dataset:
-            yield dataset
-
-
-def _declared_bytes(path: Path) -> int:
-    """What the numbers of a NetCDF file would take, as it says."""
     from netCDF4 import Dataset
 
-    with Dataset(path) as file:
-        return sum(int(variable.size) * np.dtype(variable.dtype).itemsize for variable in file.variables.values())
-
-
-@contextmanager
-def _damage_named(path: Path) -> Iterator[None]:
     try:
-        yield
+        with ONE_THREAD:
+            with Dataset(path) as file:
+                kinds = [(int(each.size), np.dtype(each.dtype).itemsize) for each in file.variables.values()]
+            declared, size = sum(number * length for number, length in kinds), path.stat().st_size
+            if declared > DEFLATED * size:
+                raise StoreError(f"{path}: declares {declared} bytes, which its {size} cannot hold; it is damaged")
+            with xr.open_dataset(path, engine="netcdf4", cache=False, lock=DummyLock()) as dataset:
+                yield dataset
     except StoreError:
         raise
     except (OSError, ValueError, RuntimeError, AttributeError, MemoryError) as error:

@@ -1,7 +1,7 @@
 """Cubes larger than memory: Zarr groups of the same layout, written block after block of grid points."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from itertools import product
@@ -222,26 +222,16 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
             variable.data = dask.array.from_array(numbers, _chunks_of(variable), name=False, fancy=False)
         if "flag_values" in variable.attrs:  # Zarr keeps attributes as JSON
             variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
-    if "dimersweep_cube" in cube.attrs:
-        _check_lacking(cube, path, {name: number for name, number in lacking.items() if number})
-    yield cube
-
-
-def _check_lacking(cube: xr.Dataset, path: Path, lacking: Mapping[str, int]) -> None:
-    """Refuse a cube that lacks chunks, unless it is a whole one with all its values.
-
-    Sweeps write all chunks, but xarray writes none of missing values, or zeros, alone.
-    """
-    if not lacking:
-        return
-    (name, number), *_ = lacking.items()
-    if not is_whole(cube):
+    # sweeps write all chunks, but xarray writes none of missing values, or zeros, alone: then all values must be there
+    name, number = next(((name, number) for name, number in lacking.items() if number), ("", 0))
+    if number and "dimersweep_cube" in cube.attrs and not is_whole(cube):
         raise StoreError(
             f"{path}: is a part of a cube, of which {name} lacks {number} chunks: lost, or not written as they hold nothing; "
             "write it with zarr.config.set({'array.write_empty_chunks': True}), or as NetCDF"
         )
-    if checksum_of(cube) != cube.attrs.get(CHECKSUM):
+    if number and "dimersweep_cube" in cube.attrs and checksum_of(cube) != cube.attrs.get(CHECKSUM):
         raise StoreError(f"{path}: is damaged: {name} lacks {number} of its chunks; sweep it again (force=True)")
+    yield cube
 
 
 ZARR = Format(".zarr", "Zarr", "Zarr group", opened_zarr, write_blocks=write_zarr, check=check_zarr, marker="zarr.json")
