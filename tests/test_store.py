@@ -21,7 +21,7 @@ from dimersweep.cubes.cube import blank, build, names
 from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import StoreError, UserError
 from dimersweep.storage.cubefiles import count_modes, open_cube, write_cube
-from dimersweep.storage.files import HALF, put, replacing
+from dimersweep.storage.files import HALF, replacing
 from dimersweep.storage.outputs import check_output
 from dimersweep.storage.provenance import attributes, digest
 from dimersweep.studies.declaration import from_cube
@@ -71,8 +71,13 @@ def test_an_existing_file_stays_unless_forced(cube, tmp_path):
 
 def test_a_temporary_file_has_a_name_that_nobody_else_has(tmp_path):
     (tmp_path / "page.html.tmp").write_text("precious")
+
+    def write(k):
+        with replacing(tmp_path / "page.html") as temporary:
+            temporary.write_text(f"{k}" * 1000)
+
     with ThreadPoolExecutor(8) as threads:
-        list(threads.map(lambda k: put(tmp_path / "page.html", [b"%d" % k] * 1000), range(100)))
+        list(threads.map(write, range(100)))
     written = (tmp_path / "page.html").read_text()
     assert written in {f"{k}" * 1000 for k in range(100)}
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {

@@ -25,7 +25,7 @@ from dimersweep.errors import StoreError
 from dimersweep.inputs import check_count
 from dimersweep.plots.playback import BALLS, MOST_FRAMES, PLATE, ROD, TRACK, Frames, Playback, frames
 from dimersweep.plots.style import entitle
-from dimersweep.storage.files import disk_errors, put, replacing
+from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
 
 MOVIES = (".gif", ".mp4", ".html")
@@ -79,8 +79,8 @@ def write_movie(run: SeenRun, path: str | os.PathLike[str], playback: Playback, 
             page = replay_page(run, playback)
         except StoreError as error:
             raise StoreError(f"movie = {path}: {error}") from None
-        with disk_errors(f"movie = {path}", ""):
-            put(path, [page.encode()])
+        with disk_errors(f"movie = {path}", ""), replacing(path) as temporary:
+            temporary.write_bytes(page.encode())
         return path
     if path.suffix == ".gif" and playback.fps > MOST_FPS_OF_GIF:
         most = f"a GIF shows at most {MOST_FPS_OF_GIF} frames a second, and has {MOST_FPS_OF_GIF}"

@@ -5,7 +5,7 @@ import os
 import re
 import shutil
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
@@ -30,48 +30,35 @@ def sync(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path, scratch: Path | None = None) -> Iterator[Path]:
-    """Where to write a file that then, whole and on the disk, takes the name `path` in one step; goes if it is not written.
+    """Where to write a file, or a folder, that then, whole and on the disk, takes the name `path`; goes if it is not written.
 
     Parameters
     ----------
     path : Path
-        A file that is there stays as it is until then.
+        A file that is there stays as it is until then, and a folder is moved away whole: a kill leaves no half of it under its
+        name.
     scratch : Path, optional
         The temporary name, in a folder that is the program's own and locked, where the next process finds what a kill has
         left; by default one that nobody else has, beside `path`. A file of that name that a kill has left stays: another
-        process, on this machine or another, might be at work on it.
+        process, on this machine or another, might be at work on it. The files of a folder are on the disk already.
     """
     # not of `tempfile`: its files can be read by their owner only, and keep that under their final names
     temporary = scratch or path.with_name(f".dimersweep-{uuid4().hex}.tmp")
+    former = temporary.with_suffix(".old")
     try:
-        temporary.unlink(missing_ok=True)
+        delete(temporary)
         yield temporary
-        sync(temporary)
+        if temporary.is_dir():
+            delete(former)
+            if path.exists():
+                path.replace(former)
+        else:
+            sync(temporary)
         temporary.replace(path)
         sync(path.parent)  # the new name must outlive a power cut too
+        delete(former)
     finally:
-        temporary.unlink(missing_ok=True)
-
-
-@contextmanager
-def replacing_folder(path: Path, scratch: Path) -> Iterator[None]:
-    """Write a folder at `scratch`, on the same disk, that then takes the name `path`; its files are on the disk already."""
-    delete(scratch)
-    yield
-    former = scratch.with_suffix(".old")
-    delete(former)
-    if path.exists():
-        path.replace(former)  # whole, so that a kill leaves no half of it under its name
-    scratch.replace(path)
-    sync(path.parent)
-    delete(former)
-
-
-def put(path: Path, parts: Iterable[bytes | memoryview]) -> None:
-    """Write a file of `parts`, see `replacing`."""
-    with replacing(path) as temporary, temporary.open("xb") as file:
-        for part in parts:
-            file.write(part)
+        delete(temporary)
 
 
 def delete(path: Path) -> None:

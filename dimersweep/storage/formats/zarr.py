@@ -20,7 +20,7 @@ from dimersweep.cubes.results import Tile
 from dimersweep.errors import StoreError, one_line
 from dimersweep.storage.blocks import blocks, chunk_shape
 from dimersweep.storage.checking import checksum_of, is_whole
-from dimersweep.storage.files import replacing_folder, sync
+from dimersweep.storage.files import replacing, sync
 from dimersweep.storage.formats.format import Format
 from dimersweep.storage.provenance import CHECKSUM
 
@@ -81,7 +81,7 @@ def write_zarr(
     import zarr
 
     # chunks of nothing but missing values are written too, so that one that is missing is known to be lost
-    with replacing_folder(path, scratch), zarr.config.set({"array.write_empty_chunks": True}):
+    with replacing(path, scratch), zarr.config.set({"array.write_empty_chunks": True}):
         template, (made_with,) = _template(grid, small), small["made_with"].values.ravel()
         template.to_zarr(scratch, mode="w", compute=False, consolidated=False)
         group, checksum = zarr.open_group(scratch, mode="r+"), Checksum(template)
