@@ -10,7 +10,7 @@ from dimersweep.cubes.grid import make_grid
 from dimersweep.cubes.results import Tile, gaps, runs
 from dimersweep.plots.tables import cube_table
 from dimersweep.storage.checking import checksum_of
-from dimersweep.studies.reuse import _places
+from dimersweep.studies.making import _places
 
 
 @pytest.mark.parametrize("unit", [1e-9, 1e-3, 1.0, 1e6])

@@ -1,19 +1,20 @@
-"""A cube from start to end: what is there already, the store of its points and the crew that runs them, and the output."""
+"""A cube from start to end: what is there already, here or in other cubes, the store and the crew of its points, its output."""
 
 import json
 import signal
 import sys
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
 
+import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import flatten, signed
 from dimersweep.cubes.grid import check_fits
-from dimersweep.cubes.results import blank_results, failed
+from dimersweep.cubes.results import Finished, Tile, blank_results, failed, runs, split
 from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.checking import check_unchanged, checksum_of
@@ -23,10 +24,12 @@ from dimersweep.storage.formats import format_of
 from dimersweep.storage.outputs import check_output
 from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
-from dimersweep.studies.reuse import Known, check_alike
-from dimersweep.studies.study import Label, Study
+from dimersweep.studies.study import Known, Label, Study
 from dimersweep.work.computing import Crew, settle_way
 from dimersweep.work.options import Given, Options, make_options
+
+BLOCK = 1 << 16  # points of other cubes that are looked up at a time
+_POINTS = ("grid", "fixed", "refine")
 
 
 def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
@@ -104,7 +107,7 @@ def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str,
     Raises
     ------
     StoreError
-        See `check_alike` and `Known`.
+        See `check_alike` and `points_in`.
     """
     origin: dict[str, str] = {}
     known = []
@@ -113,10 +116,117 @@ def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str,
         cube, name = open_cube(path), str(path)
         if not study.grid.columns:
             check_alike(cube, study.configuration(), name)
-        known.append(Known(cube, name, study.grid, study.results_of, options.unwanted))
+        known.append(points_in(cube, name, study, options.unwanted))
         if path is options.extend:
             origin["extends"] = f"{Path(path).name}, configuration sha256 {cube.attrs['configuration_sha256']}"
     return known, origin
+
+
+def check_alike(cube: xr.Dataset, new: dict[str, Any], name: str) -> None:
+    """Refuse a cube whose points are not those of the configuration `new`.
+
+    Raises
+    ------
+    StoreError
+        If it was made with other settings or another kernel, with the differences.
+    """
+    old = json.loads(cube.attrs["configuration"])
+    if not {"grid", "fixed"} <= set(old):
+        raise StoreError(f"{name}: tells a configuration that this version does not know")
+    if ("search" in old) != ("search" in new):
+        one, other = ("a search", "a whole grid") if "search" in old else ("a whole grid", "a search")
+        raise StoreError(f"{name}: is the cube of {one}; it cannot be extended to {other}")
+    swept = {*old["grid"], *new["grid"]}
+
+    def settings(configuration: dict[str, Any]) -> dict[str, Any]:
+        fixed = {key: value for key, value in configuration["fixed"].items() if key not in swept}
+        return {key: value for key, value in configuration.items() if key not in _POINTS} | {"fixed": fixed}
+
+    changes = differences(settings(old), settings(new))
+    lacking = {*old["grid"], *old["fixed"]} ^ {*new["grid"], *new["fixed"]}
+    if lacking:
+        changes.append(f"parameters: {', '.join(sorted(lacking))} in one of them only")
+    if changes:
+        lines = "".join(f"\n  {line}" for line in changes)
+        raise StoreError(f"{name}: cannot be extended to this sweep, as it was made otherwise:{lines}")
+    if "direction" in old["grid"]:
+        _check_line(old["grid"], new["grid"], name)
+
+
+def _check_line(old: dict[str, list[float]], new: dict[str, list[float]], name: str) -> None:
+    """Refuse to extend lines along which the state is carried: each of their runs depends on those before it."""
+    one, other = list(old)[-1], list(new)[-1]
+    if one != other:
+        raise StoreError(f"{name}: cannot be extended to this sweep, as it carries the state along {one}, not {other}")
+    if old[one] != new[other]:
+        raise StoreError(
+            f"{name}: cannot be extended along {one}, along which it carries the state; its values must be the same"
+        )
+
+
+def _places(old: np.ndarray, new: np.ndarray) -> np.ndarray:
+    """Index in the increasing `old` of each value of `new`, -1 where it is not there bit for bit."""
+    old, new = old.astype(float), new.astype(float)  # the codes of directions, too
+    found = np.minimum(np.searchsorted(old, new), old.size - 1)
+    return np.where(old[found].view(np.int64) == new.view(np.int64), found, -1)
+
+
+def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.ndarray], np.ndarray]) -> Known:
+    """The points of a study that `cube` has; what is an axis in one may be fixed in the other.
+
+    Parameters
+    ----------
+    cube : xarray.Dataset
+        As `sweep`, `search` or `refine` returned it.
+    name : str
+        What messages call it.
+    study : Study
+    unwanted : callable
+        Which points are not taken over, from codes of shape (n, N_CODES); shape (n,), bool.
+
+    Returns
+    -------
+    callable
+        Gives those in some ranges, in whole lines.
+
+    Raises
+    ------
+    StoreError
+        If `cube` was changed since it was written, or has none of the points.
+    """
+    check_unchanged(cube, name)
+    grid, results, line, offset = study.grid, study.results_of(cube), study.line, 0
+    along = [
+        np.arange(grid.size)
+    ]  # where each place on an axis is; single points are those of the cube: it is made again
+    if not grid.columns:
+        old = json.loads(cube.attrs["configuration"])["grid"]
+        strides, stride, along = {}, 1, []
+        for axis in reversed(old):
+            strides[axis], stride = stride, stride * cube.sizes[axis]
+        for axis in {**grid.axes, **old}:
+            values = grid.axes.get(axis, grid.fixed.get(axis))
+            places = _places(np.atleast_1d(cube[axis].values), np.atleast_1d(np.asarray(values)))
+            if (places < 0).all():
+                raise StoreError(f"{name}: has no point of this sweep ({axis} has none of its values)")
+            numbers = np.where(places < 0, -1, places * strides.get(axis, 0))
+            if axis in grid.axes:
+                along.append(numbers)
+            else:
+                offset += int(numbers[0])
+
+    def pieces(ranges: Iterable[Tile]) -> Iterator[Finished]:
+        for tile in split(ranges, line * max(1, BLOCK // line)):
+            parts = np.unravel_index(np.arange(*tile), grid.shape)
+            columns = [numbers[k] for numbers, k in zip(along, parts, strict=True)]
+            number = np.sum(columns, axis=0) + offset
+            there = np.all([column >= 0 for column in columns], axis=0)
+            there[there] = ~unwanted(results["codes"][number[there]])
+            there = np.repeat(there.reshape(-1, line).all(axis=1), line)
+            for start, stop in runs(there, tile.start):
+                yield Finished(Tile(start, stop), results[number[start - tile.start : stop - tile.start]])
+
+    return pieces
 
 
 def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:

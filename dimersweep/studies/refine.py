@@ -19,9 +19,8 @@ from dimersweep.parameters import check
 from dimersweep.studies import search
 from dimersweep.studies.deciding import spread_order
 from dimersweep.studies.making import make_cube
-from dimersweep.studies.reuse import Known
 from dimersweep.studies.search import MIXED, REGIONS, Findings, Search
-from dimersweep.studies.study import Label, Sample
+from dimersweep.studies.study import Known, Label, Sample
 from dimersweep.work.computing import Crew
 from dimersweep.work.options import Given
 

@@ -20,8 +20,7 @@ from dimersweep.runs.solving import SLOW_MODES, run_patiently, run_settings
 from dimersweep.studies.deciding import A_NOT_RUN, A_UNSURE, A_YES, ANSWER, ASKS, OPEN, Question
 from dimersweep.studies.making import make_cube
 from dimersweep.studies.observers import Longer, Observer, Ran, paths_of
-from dimersweep.studies.reuse import Known
-from dimersweep.studies.study import Label, Sample, Study
+from dimersweep.studies.study import Known, Label, Sample, Study
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.computing import Crew
 from dimersweep.work.options import Given
@@ -205,15 +204,15 @@ class Findings:
     study : Search
     crew : Crew
     known : sequence of Known
-        Other cubes, whose points may have been tried in another order.
+        Of other cubes, whose points may have been tried in another order.
     """
 
     def __init__(self, study: Search, crew: Crew, known: Sequence[Known]) -> None:
         self.study, self.crew = study, crew
         self.results = crew.store.read(0, study.grid.size)
         self.offered = blank_results(study.grid.size if known else 0, study.kind)
-        for cube in known:
-            for piece in cube.pieces(runs(not_run(self.offered["codes"]))):
+        for points_in in known:
+            for piece in points_in(runs(not_run(self.offered["codes"]))):
                 self.offered[slice(*piece.tile)] = piece.results
         # points whose turn has come: others may be known from a search that was stopped, but nothing may depend on that
         self.reached = np.zeros(study.grid.size, dtype=bool)

@@ -1,6 +1,6 @@
 """A study: points, how each of them is run, what is observed there, and how the results become a cube and back."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -9,7 +9,7 @@ import xarray as xr
 
 from dimersweep.cubes.cube import blank, build, results_in, with_fields
 from dimersweep.cubes.grid import Grid
-from dimersweep.cubes.results import Bundle, Field, Tile, kind_with, not_ok
+from dimersweep.cubes.results import Bundle, Field, Finished, Tile, kind_with, not_ok
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
@@ -17,7 +17,6 @@ from dimersweep.runs.carrying import carried
 from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently, run_row
 from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.observers import Observer, Ran
-from dimersweep.studies.reuse import Known
 from dimersweep.work.computing import Crew
 from dimersweep.work.options import IN_PASSING, Options
 from dimersweep.work.tiles import around
@@ -25,6 +24,7 @@ from dimersweep.work.tiles import around
 MOST_PARTS = 200  # that are timed
 MOST_OF_LINE = 20  # values of a line that are timed
 Label = Callable[[np.ndarray], xr.Dataset]  # results of all points to a cube
+Known = Callable[[Iterable[Tile]], Iterator[Finished]]  # what another cube has of some ranges of points
 
 
 class Sample(NamedTuple):
@@ -157,8 +157,8 @@ class Study:
 
     def run(self, hired: Crew, known: Sequence[Known]) -> Label:
         """Have a crew run the points that its store lacks, but for those that other cubes have; what labels the results."""
-        for cube in known:
-            hired.take_over(cube.pieces(hired.store.gaps()))
+        for points_in in known:
+            hired.take_over(points_in(hired.store.gaps()))
         hired.expect(self.grid.size)
         hired.run(self, hired.store.gaps())
         return self.as_cube
