@@ -21,7 +21,7 @@ from dimersweep.orbits.portraits import (
     shifted,
 )
 from dimersweep.parameters import Parameters
-from dimersweep.studies.drawn import drawn_starts
+from dimersweep.studies.attractors import drawn_starts
 from dimersweep.studies.telling_apart import Sort, distance, matched
 from tests.checks.tables import multipliers
 

@@ -1,7 +1,7 @@
 """What motions there are: attractors told apart from drawn starts, and the share of the starts that each of them takes."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from math import nan
 from time import perf_counter
@@ -14,24 +14,25 @@ from dimersweep.cubes.grid import axis_values, make_points
 from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
+from dimersweep.inputs import number as in_si_units
 from dimersweep.kernel.model.layout import CODE_N_PERIODS
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.orbit import COLUMNS, PeriodicOrbit, multiplier_columns, padded
 from dimersweep.orbits.portraits import Mirrors, mirrors_of, portrait_of_orbit
-from dimersweep.parameters import check_level, value_of
+from dimersweep.parameters import check_level, check_name, value_of
 from dimersweep.runs.solving import run_settings
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
-from dimersweep.studies.drawn import drawn_starts
 from dimersweep.studies.observers import Ends
 from dimersweep.studies.study import Study
 from dimersweep.studies.telling_apart import Judge, Sort, distance, matched
-from dimersweep.symbols import PARAMETERS
+from dimersweep.symbols import PARAMETERS, START
 from dimersweep.work.computing import settle_way
 from dimersweep.work.options import make_options
 
+STARTING = (*START, "phi0")  # parameters that starts are drawn from
 NONE = -1  # in place of the number of a start
 OF_AN_ORBIT = tuple(name for name in COLUMNS if name != "cost")  # numbers of an orbit that each attractor has
 
@@ -170,6 +171,49 @@ def attractors(
         about = attributes(asked, "Attractors and the shares of starts that lead to them", perf_counter() - began)
         write_cube(without_fill(storable(data).assign_attrs(about)), out, force=force)
     return data
+
+
+def drawn_starts(ranges: Any, fixed: Any, points: Any, starts: int, seed: int) -> dict[str, np.ndarray]:
+    """Columns of starts: those of a table, or drawn evenly and independently from ranges, whose ends are judged as starts.
+
+    Raises
+    ------
+    ParameterError
+        Naming what is not allowed.
+    """
+    if (ranges is None) == (points is None):
+        raise ParameterError("ranges: give either ranges to draw from or points")
+    if points is not None:
+        columns = make_points(points).columns
+        _check_starts(columns)
+        return columns
+    if not isinstance(ranges, Mapping) or not ranges:
+        raise ParameterError(f"ranges = {ranges!r}: must be a mapping of parameters to pairs such as (0.1, 0.5)")
+    _check_starts(ranges)
+    count = check_count("starts", starts)
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ParameterError(f"seed = {seed!r}: must be a whole number >= 0")
+    pairs, draw = {name: _pair(name, pair) for name, pair in ranges.items()}, np.random.default_rng(int(seed))
+    make_points(pairs, fixed)
+    return {name: draw.uniform(low, high, size=count) for name, (low, high) in pairs.items()}
+
+
+def _check_starts(names: Iterable[str]) -> None:
+    """Refuse to draw what makes another dimer or another plate: motions are compared on one."""
+    for name in names:
+        check_name(name)
+        if name not in STARTING:
+            raise ParameterError(f"{name}: is no part of a start; draw from {', '.join(STARTING)}")
+
+
+def _pair(name: str, pair: Any) -> tuple[float, float]:
+    """The ends of a range in SI units."""
+    if not isinstance(pair, list | tuple | np.ndarray) or len(pair) != 2:
+        raise ParameterError(f"{name} = {pair!r}: must be a pair of its least and its greatest value")
+    low, high = (in_si_units(name, value) for value in pair)
+    if not low < high:
+        raise ParameterError(f"{name} = {low:g} to {high:g}: the least value must be below the greatest")
+    return low, high
 
 
 def _check_one_plate(fixed: Mapping[str, float], table: Mapping[str, np.ndarray]) -> None:
