@@ -14,7 +14,7 @@ import xarray as xr
 
 from dimersweep.cubes.cube import flatten, signed
 from dimersweep.cubes.grid import check_fits
-from dimersweep.cubes.results import Finished, Tile, blank_results, failed, runs, split
+from dimersweep.cubes.results import Finished, Tile, blank_results, failed, not_ok, not_run, runs, split
 from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.checking import check_unchanged, checksum_of
@@ -116,7 +116,7 @@ def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str,
         cube, name = open_cube(path), str(path)
         if not study.grid.columns:
             check_alike(cube, study.configuration(), name)
-        known.append(points_in(cube, name, study, options.unwanted))
+        known.append(points_in(cube, name, study, not_ok if options.retry else not_run))
         if path is options.extend:
             origin["extends"] = f"{Path(path).name}, configuration sha256 {cube.attrs['configuration_sha256']}"
     return known, origin

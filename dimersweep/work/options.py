@@ -6,10 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
-import numpy as np
 from dask.system import CPU_COUNT
 
-from dimersweep.cubes.results import not_ok, not_run
 from dimersweep.inputs import check_count
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.symbols import PARAMETERS
@@ -46,10 +44,6 @@ class Options:
     attrs: Mapping[str, Any] = field(default_factory=dict)
     extend: str | os.PathLike[str] | None = None
     retry: bool = False
-
-    def unwanted(self, codes: np.ndarray) -> np.ndarray:
-        """Which points of another cube, from codes of shape (n, N_CODES), are not taken over; shape (n,), bool."""
-        return not_ok(codes) if self.retry else not_run(codes)
 
 
 IN_PASSING = Options(workers=1, progress=False)  # for a part that is run by the way

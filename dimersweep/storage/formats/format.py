@@ -3,15 +3,9 @@
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import xarray as xr
-
-
-class WriteBlocks(Protocol):
-    """Writes the cube of a grid block by block, see `write_zarr`."""
-
-    def __call__(self, grid: Any, small: Any, block_of: Any, path: Path, *, scratch: Path, workers: int) -> None: ...
 
 
 class Format(NamedTuple):
@@ -30,7 +24,7 @@ class Format(NamedTuple):
         ``write(dataset, path, scratch)`` puts a dataset that is in memory at `path` in one step, by a temporary name that
         is `scratch` or its own. An OSError or RuntimeError says that the disk refuses.
     write_blocks : callable, optional
-        In place of `write`, where cubes may be larger than memory. Their values are read when they are used.
+        See `write_zarr`: in place of `write`, where cubes may be larger than memory. Their values are read when they are used.
     check : callable, optional
         Raises a StoreError if a package is missing.
     marker : str
@@ -42,6 +36,6 @@ class Format(NamedTuple):
     noun: str
     opened: Callable[[Path], AbstractContextManager[xr.Dataset]]
     write: Callable[[xr.Dataset, Path, Path | None], None] | None = None
-    write_blocks: WriteBlocks | None = None
+    write_blocks: Callable[..., None] | None = None
     check: Callable[[], None] = lambda: None
     marker: str = ""
