@@ -91,24 +91,19 @@ def bundles(ranges: Iterable[Tile], pace: Pace, line: int = 1) -> Iterator[Bundl
     Each has whole lines of so many points, at least one; `ranges` have whole ones.
     """
     bundle: list[Tile] = []
-    room = _whole(pace.length, line)
     for start, stop in ranges:
         at = start
         while at < stop:
-            end = min(stop, at + room)
-            bundle.append(Tile(at, end))
-            room -= end - at
-            at = end
+            if not bundle:
+                room = line * max(1, pace.length // line)
+            bundle.append(Tile(at, min(stop, at + room)))
+            room -= bundle[-1].stop - at
+            at = bundle[-1].stop
             if room == 0:
                 yield tuple(bundle)
-                bundle, room = [], _whole(pace.length, line)
+                bundle = []
     if bundle:
         yield tuple(bundle)
-
-
-def _whole(points: int, line: int) -> int:
-    """The points in as many whole lines as `points` make, at least one."""
-    return line * max(1, points // line)
 
 
 @contextmanager
