@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -110,23 +111,19 @@ class TileStore:
             yield
 
     def _pieces(self) -> Iterator[Finished]:
-        """What waits, in order, with tiles that touch made one."""
-        touching: list[Finished] = []
-        for finished in sorted(self._waiting, key=lambda finished: finished.tile):
-            if touching and touching[-1].tile.stop != finished.tile.start:
-                yield from self._joined(touching)
-                touching = []
-            touching.append(finished)
-        yield from self._joined(touching)
-
-    def _joined(self, touching: list[Finished]) -> Iterator[Finished]:
-        whole = Finished(
-            Tile(touching[0].tile.start, touching[-1].tile.stop), np.concatenate([each.results for each in touching])
-        )
-        seconds = sum(each.seconds for each in touching)
-        for tile in split([whole.tile], max(1, FLUSH_BYTES // self.kind.itemsize)):
-            yield whole.part(tile)._replace(seconds=seconds)
-            seconds = 0.0
+        """What waits, in order, with tiles that touch made one, and none too large."""
+        waiting = sorted(self._waiting, key=lambda finished: finished.tile)
+        breaks = [k for k, (a, b) in enumerate(pairwise(waiting), 1) if a.tile.stop != b.tile.start]
+        for first, last in pairwise([0, *breaks, len(waiting)]):
+            touching = waiting[first:last]
+            results, seconds = (
+                np.concatenate([each.results for each in touching]),
+                sum(each.seconds for each in touching),
+            )
+            whole = Finished(Tile(touching[0].tile.start, touching[-1].tile.stop), results)
+            for tile in split([whole.tile], max(1, FLUSH_BYTES // self.kind.itemsize)):
+                yield whole.part(tile)._replace(seconds=seconds)
+                seconds = 0.0
 
     def _put(self, piece: Finished, wall: float) -> None:
         results = np.ascontiguousarray(piece.results).view(np.uint8).data

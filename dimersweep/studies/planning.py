@@ -1,6 +1,5 @@
 """What a sweep, a search or a map would cost, estimated from a timed sample of it; nothing is written."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 from math import ceil, inf, sqrt
@@ -110,24 +109,16 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
     """
     stoppable(lambda _: prove())  # and compile
     sample = study.sample(np.random.default_rng(_SEED))
-    costs = np.array(list(_for_some_time((_cost(*part) for part in sample.parts), sample.seconds)))
-    rows = [] if out is None else finished_at(tiles_of(out), study.configuration())
-    return Plan(study, sum(row.stop - row.start for row in rows), workers, sample, *costs.T)
-
-
-Cost = tuple[float, float]  # points to run, and their time [s]
-
-
-def _for_some_time(costs: Iterator[Cost], seconds: float) -> Iterator[Cost]:
-    """At least one of `costs`, and no more than `MOST_PARTS` or than come within that time."""
-    started = perf_counter()
-    for cost in islice(costs, MOST_PARTS):
-        yield cost
-        if perf_counter() - started > seconds:
+    costs, started = [], perf_counter()
+    for part in islice(sample.parts, MOST_PARTS):
+        costs.append(_cost(*part))
+        if perf_counter() - started > sample.seconds:
             break
+    rows = [] if out is None else finished_at(tiles_of(out), study.configuration())
+    return Plan(study, sum(row.stop - row.start for row in rows), workers, sample, *np.array(costs).T)
 
 
-def _cost(part: Study, shares: np.ndarray) -> Cost:
+def _cost(part: Study, shares: np.ndarray) -> tuple[float, float]:
     """What a part of a study takes, its points counting as `shares` say, and their time as the runs that they took."""
     results, seconds = part.in_memory()
     made = ~not_run(results["codes"])
