@@ -344,6 +344,11 @@ def test_a_reader_that_does_not_let_go_is_told_of(monkeypatch):
     assert points_on_disk(Path("cube.nc")) == 30
 
 
+def flush_each_tile(patch):
+    patch.setattr("dimersweep.storage.tilestore.FLUSH_SECONDS", 0.0)
+    patch.setattr("dimersweep.storage.tilestore.DISK_SHARE", 1e9)
+
+
 def full_disk(*arguments, **more):
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -357,8 +362,7 @@ def test_a_full_disk_keeps_what_was_finished_before(counted, monkeypatch):
         return put(self, tile, *rest, **more) if len(writes) < 3 else full_disk()
 
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.storage.tilestore.FLUSH_SECONDS", 0.0)
-        patch.setattr("dimersweep.storage.tilestore.DISK_SHARE", 1e9)
+        flush_each_tile(patch)
         patch.setattr(Store, "put", fills_up)
         with pytest.raises(StoreError) as error:
             sweep(workers=1)
@@ -392,8 +396,7 @@ def test_a_disk_that_is_really_full(disk, monkeypatch):
     place, remount = disk
     reference = sweep(out=None)
     with monkeypatch.context() as patch:
-        patch.setattr("dimersweep.storage.tilestore.FLUSH_SECONDS", 0.0)
-        patch.setattr("dimersweep.storage.tilestore.DISK_SHARE", 1e9)
+        flush_each_tile(patch)
         set_pace(patch, 10)
         with pytest.raises(StoreError, match=r"\(database or disk is full\); what was finished before is kept in "):
             sweep(out=place / "cube.nc", workers=1)
