@@ -19,7 +19,6 @@ from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.observers import Observer, Ran
 from dimersweep.work.computing import Crew
 from dimersweep.work.options import IN_PASSING, Options
-from dimersweep.work.tiles import around
 
 MOST_PARTS = 200  # that are timed
 MOST_OF_LINE = 20  # values of a line that are timed
@@ -109,8 +108,9 @@ class Study:
 
     def narrowed(self, tiles: Bundle) -> tuple[Self, Bundle, int]:
         """See `Work`."""
-        grid, moved, shift = around(self.grid, tiles)
-        return replace(self, grid=grid), moved, shift
+        grid, start = self.grid.window(tiles[0].start, tiles[-1].stop)
+        shift = tiles[0].start - start
+        return replace(self, grid=grid), tuple(Tile(a - shift, b - shift) for a, b in tiles), shift
 
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from time import perf_counter
-from typing import Any, NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -171,10 +171,3 @@ def _cut(tiles: Bundle, results: np.ndarray, seconds: float, shift: int) -> list
         finished.append(Finished(tile, results[first:last], 0.0 if finished else seconds))
         first = last
     return finished
-
-
-def around(grid: Any, tiles: Bundle) -> tuple[Any, Bundle, int]:
-    """A window of `grid` (of its kind) with the points of `tiles`, these by their numbers there, and the `shift` back."""
-    window, start = grid.window(tiles[0].start, tiles[-1].stop)
-    shift = tiles[0].start - start
-    return window, tuple(Tile(a - shift, b - shift) for a, b in tiles), shift
