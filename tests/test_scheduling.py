@@ -156,7 +156,8 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
         return future
 
     pool, pace = Pool(submit, lambda: 3), SteadyPace(7, lambda: 3)
-    run_tiles(pool, SPEC, [Tile(0, 500)], pace, lambda made: taken.extend(f.tile for f in made.finished), StopFlag())
+    for made in run_tiles(pool, SPEC, [Tile(0, 500)], pace, StopFlag()):
+        taken += [each.tile for each in made.finished]
     assert sorted(points_of(taken)) == list(range(500))
     assert most[0] <= 3 * IN_FLIGHT
 

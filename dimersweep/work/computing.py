@@ -110,29 +110,26 @@ class Crew(ExitStack):
         failures: list[tuple[int, str]] = []
         troubles = Troubles()
 
-        def take(made: Made) -> None:
-            nonlocal left
-            troubles.note(made)
-            if troubles.alike >= ALIKE or (troubles.points and self.options.fail_fast):
-                self._stop.set()
-            left -= made.done
-            modes: Counter[str] = Counter()
-            for tile in made.finished:
-                self.store.add(tile)
-                if also:
-                    also(tile)
-                if self.options.fail_fast and not_ok(tile.codes).any():
-                    row = int(not_ok(tile.codes).argmax())
-                    point, status = tile.tile.start + row, tile.codes[row, CODE_STATUS]
-                    words = f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
-                    failures.append((point, f"{work.grid.point(point)} failed: {words}"))
-                    self._stop.set()
-                modes.update(tally(tile.codes))
-            if modes:
-                self._shown.add(modes, made.seconds)
-
         try:
-            run_tiles(self._pool, work, missing, pace, take, self._stop)
+            for made in run_tiles(self._pool, work, missing, pace, self._stop):
+                troubles.note(made)
+                if troubles.alike >= ALIKE or (troubles.points and self.options.fail_fast):
+                    self._stop.set()
+                left -= made.done
+                modes: Counter[str] = Counter()
+                for tile in made.finished:
+                    self.store.add(tile)
+                    if also:
+                        also(tile)
+                    if self.options.fail_fast and not_ok(tile.codes).any():
+                        row = int(not_ok(tile.codes).argmax())
+                        point, status = tile.tile.start + row, tile.codes[row, CODE_STATUS]
+                        words = f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
+                        failures.append((point, f"{work.grid.point(point)} failed: {words}"))
+                        self._stop.set()
+                    modes.update(tally(tile.codes))
+                if modes:
+                    self._shown.add(modes, made.seconds)
         finally:
             self.store.flush()
         if failures:

@@ -264,19 +264,16 @@ def outcome(future: "Future[Made]", tiles: Bundle) -> Made:
         return Made([], Broken(tiles, f"{type(error).__name__}: {error}"))
 
 
-def run_tiles(
-    pool: Pool,
-    work: Work,
-    missing: Iterable[Tile],
-    pace: Pace,
-    take: Callable[[Made], None],
-    stop: StopFlag,
-) -> None:
-    """Do `work` at the points of `missing`, in tasks as `pace` says, and hand what each brings back to `take`.
+def run_tiles(pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, stop: StopFlag) -> Iterator[Made]:
+    """Do `work` at the points of `missing`, in tasks as `pace` says, until all are done or `stop` is set.
 
-    That ends when all are done or `stop` is set. `take` is called in the calling thread.
     What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `TASK_GRACE` seconds to come
     back with the points they have.
+
+    Yields
+    ------
+    Made
+        What each task brings back.
     """
     running: dict[Future[Made], Bundle] = {}
     done: SimpleQueue[Future[Made]] = SimpleQueue()  # to wait for each of thousands takes far longer
@@ -292,15 +289,17 @@ def run_tiles(
             future.add_done_callback(done.put)
         if not running:
             return
-        with suppress(Empty):
+        try:
             future = done.get(timeout=POLL)
-            task = running.pop(future)
-            made = outcome(future, task)
-            pace.note(made.done, made.seconds)
-            if left := after(task, made.points):
-                undone.append(left)
-            take(made)
+        except Empty:
+            continue
+        task = running.pop(future)
+        made = outcome(future, task)
+        pace.note(made.done, made.seconds)
+        if left := after(task, made.points):
+            undone.append(left)
+        yield made
     pool.stop()
     for future in wait(running, timeout=TASK_GRACE).done:
         if not future.cancelled() and future.exception() is None:
-            take(future.result())
+            yield future.result()
