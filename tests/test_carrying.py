@@ -24,8 +24,8 @@ from dimersweep.studies.making import points_in
 from dimersweep.studies.planning import plan
 from dimersweep.studies.study import Study
 from dimersweep.studies.sweep import study_of
-from dimersweep.work.scheduling import Pace, bundles
-from tests.seams import another_version
+from dimersweep.work.scheduling import bundles
+from tests.seams import SteadyPace, another_version
 
 pytestmark = [pytest.mark.jit, pytest.mark.usefixtures("empty_folder")]
 
@@ -291,13 +291,7 @@ def test_any_number_of_workers_gives_the_same_bits(both, workers):
 
 @pytest.mark.parametrize("length", [1, 3, 7, 100])
 def test_lines_are_never_cut(length):
-    class Steady(Pace):
-        """Always as long."""
-
-        def __init__(self):
-            self.length = length
-
-    made = list(bundles([Tile(0, 6), Tile(9, 21)], Steady(), 3))
+    made = list(bundles([Tile(0, 6), Tile(9, 21)], SteadyPace(length), 3))
     assert all(tile.start % 3 == 0 and tile.stop % 3 == 0 for bundle in made for tile in bundle)
     points = [point for bundle in made for tile in bundle for point in range(*tile)]
     assert points == [*range(6), *range(9, 21)]
