@@ -149,19 +149,16 @@ def check_alike(cube: xr.Dataset, new: dict[str, Any], name: str) -> None:
     if changes:
         lines = "".join(f"\n  {line}" for line in changes)
         raise StoreError(f"{name}: cannot be extended to this sweep, as it was made otherwise:{lines}")
-    if "direction" in old["grid"]:
-        _check_line(old["grid"], new["grid"], name)
-
-
-def _check_line(old: dict[str, list[float]], new: dict[str, list[float]], name: str) -> None:
-    """Refuse to extend lines along which the state is carried: each of their runs depends on those before it."""
-    one, other = list(old)[-1], list(new)[-1]
-    if one != other:
-        raise StoreError(f"{name}: cannot be extended to this sweep, as it carries the state along {one}, not {other}")
-    if old[one] != new[other]:
-        raise StoreError(
-            f"{name}: cannot be extended along {one}, along which it carries the state; its values must be the same"
-        )
+    if "direction" in old["grid"]:  # along a line each run depends on those before it
+        (one, values), (other, theirs) = (list(each["grid"].items())[-1] for each in (old, new))
+        if one != other:
+            raise StoreError(
+                f"{name}: cannot be extended to this sweep, as it carries the state along {one}, not {other}"
+            )
+        if values != theirs:
+            raise StoreError(
+                f"{name}: cannot be extended along {one}, along which it carries the state; its values must be the same"
+            )
 
 
 def _places(old: np.ndarray, new: np.ndarray) -> np.ndarray:
