@@ -1,8 +1,9 @@
 """Cubes larger than memory: Zarr groups of the same layout, written block after block of grid points."""
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import product
 from math import prod
@@ -110,14 +111,12 @@ def write_zarr(
 
 def _each(workers: int, call: Callable[..., None], given: Iterable[tuple[Any, ...]]) -> None:
     """Make a call with each of `given` in threads, `WRITERS` at most; what is given is asked for when its turn comes."""
-    most, running = min(workers, WRITERS), set[Future[None]]()
+    most, running = min(workers, WRITERS), deque[Future[None]]()
     with ThreadPoolExecutor(most) as threads:
         for arguments in given:
             if len(running) == most:
-                done, running = wait(running, return_when=FIRST_COMPLETED)
-                for future in done:
-                    future.result()
-            running.add(threads.submit(call, *arguments))
+                running.popleft().result()
+            running.append(threads.submit(call, *arguments))
         for future in running:
             future.result()
 
