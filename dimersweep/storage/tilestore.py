@@ -116,11 +116,11 @@ class TileStore:
         breaks = [k for k, (a, b) in enumerate(pairwise(waiting), 1) if a.tile.stop != b.tile.start]
         for first, last in pairwise([0, *breaks, len(waiting)]):
             touching = waiting[first:last]
-            results, seconds = (
+            seconds = sum(each.seconds for each in touching)
+            whole = Finished(
+                Tile(touching[0].tile.start, touching[-1].tile.stop),
                 np.concatenate([each.results for each in touching]),
-                sum(each.seconds for each in touching),
             )
-            whole = Finished(Tile(touching[0].tile.start, touching[-1].tile.stop), results)
             for tile in split([whole.tile], max(1, FLUSH_BYTES // self.kind.itemsize)):
                 yield whole.part(tile)._replace(seconds=seconds)
                 seconds = 0.0
