@@ -241,19 +241,13 @@ class Store:
         """Whether nothing is finished."""
         return next(self.told(), None) is None
 
-    def is_half_changed(self) -> bool:
-        """Whether a kill has left a change half done, which only who writes to the file may take back."""
-        try:
-            self._connection.execute("SELECT sql FROM sqlite_master").fetchone()
-        except sqlite3.DatabaseError as error:
-            return isinstance(error, sqlite3.OperationalError)
-        return False
-
     def is_new(self) -> bool:
         """Whether nothing was ever written there."""
         try:
             return bool(self._connection.execute("PRAGMA page_count").fetchone() == (0,))
-        except sqlite3.DatabaseError:
+        except sqlite3.OperationalError:
+            raise
+        except sqlite3.DatabaseError:  # it is damaged, and so it was
             return False
 
     def begin(self, about: Mapping[str, Any]) -> None:
@@ -367,7 +361,11 @@ def looked_at(path: Path) -> Iterator[Store]:
     _refuse_others(path)
     try:
         store = Store(path, "mode=ro")
-        if store.is_half_changed():
+        try:
+            store.is_new()
+        except (
+            sqlite3.OperationalError
+        ):  # a kill has left a change half done, which only who writes to it may take back
             store.close()
             store = Store(path, "mode=ro&immutable=1")
         with closing(store):
