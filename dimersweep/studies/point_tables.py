@@ -91,12 +91,8 @@ def draw_points(
 
 def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
     """Both ends of a range, in SI units, and whether it is evenly covered on a logarithmic scale."""
-    if not isinstance(declared, Mapping) or not {"start", "stop"} <= declared.keys() <= {
-        "start",
-        "stop",
-        "unit",
-        "spacing",
-    }:
+    needed = {"start", "stop"}
+    if not isinstance(declared, Mapping) or not needed <= declared.keys() <= {*needed, "unit", "spacing"}:
         raise ParameterError(f"points.ranges.{name}: give start and stop, and perhaps unit and spacing")
     low, high = axis_values(name, {**declared, "num": 2}).tolist()
     by_ratio = declared.get("spacing") == "log"
