@@ -40,6 +40,8 @@ class TileStore:
 
     def __init__(self, out: Path | None, file: Store, kind: np.dtype) -> None:
         self.out, self.file, self.kind = out, file, kind
+        # without an output the store holds what is told of tiles, and this their results: twice would take memory
+        self._results = None if out is not None else blank_results(file.size, kind)
         self._waiting: list[Finished] = []
         self._waiting_bytes = 0
         self._since, self._pause = perf_counter(), FLUSH_SECONDS
@@ -126,7 +128,11 @@ class TileStore:
                 seconds = 0.0
 
     def _put(self, piece: Finished, wall: float) -> None:
-        results = np.ascontiguousarray(piece.results).view(np.uint8).data
+        results: bytes | memoryview = b""
+        if self._results is None:
+            results = np.ascontiguousarray(piece.results).view(np.uint8).data
+        else:
+            self._results[slice(*piece.tile)] = piece.results
         self.file.put(piece.tile, json.dumps(tally(piece.codes)), results, seconds=piece.seconds, wall=wall)
 
     def expect(self, total: int) -> None:
@@ -164,6 +170,8 @@ class TileStore:
         StoreError
             If a tile was damaged since the store was opened.
         """
+        if self._results is not None:
+            return self._results[start:stop]
         results = blank_results(stop - start, self.kind)
         for row in self.file.meeting(start, stop):
             piece = self._finished(row).part(Tile(max(row.start, start), min(row.stop, stop)))

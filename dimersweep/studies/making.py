@@ -89,10 +89,7 @@ def _finished(study: Study, options: Options, store: TileStore, label: Label, to
                 workers=options.workers,
             )
         return open_cube(out)
-    results = store.read(0, study.grid.size)
-    if out is None:
-        store.file.close()  # memory holds them once
-    cube = signed(label(results).assign_attrs(told), study.configuration())
+    cube = signed(label(store.read(0, study.grid.size)).assign_attrs(told), study.configuration())
     cube.attrs[CHECKSUM] = checksum_of(cube)
     if out is not None:
         write_cube(cube, out, force=replaces, scratch=store.file.scratch, kept=store.kept_if_refused)
