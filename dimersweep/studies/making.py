@@ -189,7 +189,7 @@ def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.
         If `cube` was changed since it was written, or has none of the points.
     """
     check_unchanged(cube, name)
-    grid, results, line, offset = study.grid, study.results_of(cube), study.line, 0
+    grid, line, offset = study.grid, study.line, 0
     along = [
         np.arange(grid.size)
     ]  # where each place on an axis is; single points are those of the cube: it is made again
@@ -208,6 +208,7 @@ def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.
                 along.append(numbers)
             else:
                 offset += int(numbers[0])
+    results = study.results_of(cube)
 
     def pieces(ranges: Iterable[Tile]) -> Iterator[Finished]:
         for tile in split(ranges, line * max(1, BLOCK // line)):
