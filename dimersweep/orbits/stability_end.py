@@ -51,7 +51,13 @@ def stability_end(begin: Point) -> Special:
             return special
         last, goes_on = _furthest(is_stable, special.point, sense)
         if not goes_on:
-            _check_allowed(last, sense)
+            axis = last.axis
+            try:  # the end of what the parameter may be is no end of stability
+                axis.map_at(last.map, last.y[-1] + sense * 10 * LAST_PUSH)
+            except OrbitLost as reason:
+                raise OrbitLost(
+                    f"the orbit is stable up to {axis.name} = {last.value:.6g}, the end of its range"
+                ) from reason
             return special if last is special.point else special._replace(kind=_kind_beyond(last), point=last)
         point = last
     raise OrbitLost("no end of stability is met")
@@ -88,15 +94,6 @@ def _followed(holds: Holds, begin: Point) -> tuple[Point, Point | None]:
             raise
         return last, None
     raise OrbitLost(f"the orbit is stable over {SEARCHING.tries} points of its branch")
-
-
-def _check_allowed(last: Point, sense: float) -> None:
-    """Refuse the end of what the parameter may be as an end of stability: it is lost if none is allowed just beyond."""
-    axis = last.axis
-    try:
-        axis.map_at(last.map, last.y[-1] + sense * 10 * LAST_PUSH)
-    except OrbitLost as reason:
-        raise OrbitLost(f"the orbit is stable up to {axis.name} = {last.value:.6g}, the end of its range") from reason
 
 
 def _furthest(holds: Holds, point: Point, sense: float) -> tuple[Point, bool]:
