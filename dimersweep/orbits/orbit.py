@@ -56,7 +56,7 @@ def path_of(m: ReturnMap, z: np.ndarray) -> MeanPath:
     parts = np.arange(2 * count + 1) / count
     at = TURN * m.periods * parts
     _, _, passage = m.tape.run(m.row, m.state(z), 2 * m.periods, m.rtol, path=True)
-    states, _ = m.states(passage, np.searchsorted(passage.times, at, side="right") - 1, at)
+    states, _ = m.states(passage, at)
     s = State(*states.T)
     places = s.x1 + 1j * s.y1 - 1j * m.dimer.p1.h * np.cos(m.dimer.beta_0 + s.dip) * np.exp(1j * s.theta)
     turn, later = np.diff(s.theta[::count]).tolist()

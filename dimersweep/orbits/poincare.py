@@ -258,13 +258,14 @@ class ReturnMap:
 
     def sampled(self, passage: Passage, phase: float) -> tuple[np.ndarray, np.ndarray]:
         """Kernel state and friction modes at a phase since the section [rad]."""
-        which = int(np.searchsorted(passage.times, phase, side="right")) - 1
-        states, modes = self.states(passage, which, np.array([phase]))
+        states, modes = self.states(passage, np.array([phase]))
         return states[0], modes[0]
 
-    def states(self, passage: Passage, which: Any, phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Kernel states and friction modes at phases since the section [rad], in one smooth phase or each in its own."""
+    def states(self, passage: Passage, phases: np.ndarray, which: Any = None) -> tuple[np.ndarray, np.ndarray]:
+        """Kernel states and friction modes at phases since the section [rad], all in one smooth phase or each in its own."""
         segments = passage.segments
+        if which is None:
+            which = np.searchsorted(passage.times, phases, side="right") - 1
         states, modes = np.zeros((phases.size, N_STATE)), np.zeros((phases.size, 2))
         at = phases - TURN * segments[which, PERIOD]
         status = sample(

@@ -65,8 +65,7 @@ def portrait_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Portrait:
     """The portrait of a motion from its record over one of its periods, which begins at the section of `m`."""
     whole = TURN * m.periods
     times = np.mod(VIEWS - m.phase + TURN * np.arange(m.periods)[:, None], whole)
-    which = np.searchsorted(passage.times, times.ravel(), side="right") - 1
-    states, _ = m.states(passage, which, times.ravel())
+    states, _ = m.states(passage, times.ravel())
     gaps = states[:, [D1, D2]].reshape(m.periods, VIEWS.size, 2)
     spin = float(states[:, SPIN].mean())
     first, last = passage.segments[0], passage.segments[-1]

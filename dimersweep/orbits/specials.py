@@ -46,7 +46,7 @@ def least_gap(m: ReturnMap, image: Image) -> float:
         for k in np.flatnonzero(free & (lengths > TURN / GAP_SAMPLES)).tolist():
 
             def of_end(phases: np.ndarray, k: int = k, end: int = end) -> tuple[np.ndarray, np.ndarray]:
-                states, _ = m.states(passage, k, phases)
+                states, _ = m.states(passage, phases, k)
                 return states[:, D1 + end], states[:, N1 + end]
 
             phases = np.linspace(passage.times[k], passage.times[k + 1], int(GAP_SAMPLES * lengths[k] / TURN) + 2)
