@@ -250,13 +250,7 @@ def border(
 def _checked(
     kind: str, parameter: str, over: Mapping[str, Any], fixed: dict[str, float]
 ) -> tuple[dict[str, float], dict[str, np.ndarray]]:
-    """All parameters, and the axes.
-
-    Raises
-    ------
-    ParameterError
-        For what is not allowed.
-    """
+    """All parameters, and the axes; refuses what is not allowed."""
     if kind not in BORDER_KINDS:
         raise ParameterError(f"kind = {kind!r}: unknown border (allowed: {', '.join(BORDER_KINDS)})")
     check_name(parameter)

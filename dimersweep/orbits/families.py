@@ -100,12 +100,7 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
 
 
 def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[float, float]:
-    """The least and the greatest spin [rad/s], judged.
-
-    Raises
-    ------
-    ParameterError
-    """
+    """The least and the greatest spin [rad/s]; refuses what is no range of spins."""
     try:
         low, high = spin
     except (TypeError, ValueError):

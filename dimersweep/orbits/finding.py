@@ -196,13 +196,7 @@ def orbit_at(
 
 
 def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None) -> dict[str, float]:
-    """All parameters, those of the guess where they are not given.
-
-    Raises
-    ------
-    ParameterError
-        For an unknown one, or a value that is not allowed.
-    """
+    """All parameters, those of the guess where they are not given; refuses unknown ones, and values that are not allowed."""
     for name in parameters:
         check_name(name)
     if guess is not None and not isinstance(guess, Run | PeriodicOrbit):
@@ -215,10 +209,7 @@ def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None
 def checked_spin(spin: float | None, given: dict[str, float]) -> float:
     """An axial spin [rad/s]; by default what a lateral start with `xdot0` rolls up to.
 
-    Raises
-    ------
-    ParameterError
-        If it is no number, or so fast that no orbit has it.
+    Refuses what is no number, or so fast that no orbit has it.
     """
     spin = rolled_up(given) if spin is None else as_number("spin", spin)
     most = MOST_TURNS * TURN * given["f"]

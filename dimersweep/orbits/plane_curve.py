@@ -209,13 +209,7 @@ def border_curve(
 def _judged(
     kind: str, parameter: str, other: str, span: tuple[float | str, float | str], fixed: dict[str, float]
 ) -> tuple[float, float, dict[str, float], Kind]:
-    """The span, all parameters halfway, and the kind.
-
-    Raises
-    ------
-    ParameterError
-        For what is not allowed.
-    """
+    """The span, all parameters halfway, and the kind; refuses what is not allowed."""
     allowed = [name for name, one in BORDER_KINDS.items() if one.has_equation]
     if kind not in allowed:
         raise ParameterError(f"kind = {kind!r}: has no curve (allowed: {', '.join(allowed)})")
