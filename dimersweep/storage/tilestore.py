@@ -40,7 +40,7 @@ class TileStore:
 
     def __init__(self, out: Path | None, file: Store, kind: np.dtype) -> None:
         self.out, self.file, self.kind = out, file, kind
-        # without an output the store holds what is told of tiles, and this their results: twice would take memory
+        # without an output these are held here, once, and the store holds what is told of tiles
         self._results = None if out is not None else blank_results(file.size, kind)
         self._waiting: list[Finished] = []
         self._waiting_bytes = 0
@@ -83,6 +83,10 @@ class TileStore:
 
     def add(self, finished: Finished) -> None:
         """Keep a finished tile; it is on disk after `FLUSH_SECONDS` (more on a slow disk), or with the next `flush`."""
+        if self._results is not None:
+            here = self._results[slice(*finished.tile)]
+            here[:] = finished.results
+            finished = finished._replace(results=here)
         self._waiting.append(finished)
         self._waiting_bytes += finished.results.nbytes
         if perf_counter() - self._since > self._pause or self._waiting_bytes > FLUSH_BYTES:
@@ -119,20 +123,18 @@ class TileStore:
         for first, last in pairwise([0, *breaks, len(waiting)]):
             touching = waiting[first:last]
             seconds = sum(each.seconds for each in touching)
-            whole = Finished(
-                Tile(touching[0].tile.start, touching[-1].tile.stop),
-                np.concatenate([each.results for each in touching]),
-            )
-            for tile in split([whole.tile], max(1, FLUSH_BYTES // self.kind.itemsize)):
-                yield whole.part(tile)._replace(seconds=seconds)
+            whole = Tile(touching[0].tile.start, touching[-1].tile.stop)
+            if self._results is None:
+                results = np.concatenate([each.results for each in touching])
+            else:
+                results = self._results[slice(*whole)]
+            for tile in split([whole], max(1, FLUSH_BYTES // self.kind.itemsize)):
+                yield Finished(whole, results).part(tile)._replace(seconds=seconds)
                 seconds = 0.0
 
     def _put(self, piece: Finished, wall: float) -> None:
-        results: bytes | memoryview = b""
-        if self._results is None:
-            results = np.ascontiguousarray(piece.results).view(np.uint8).data
-        else:
-            self._results[slice(*piece.tile)] = piece.results
+        held = self._results is not None
+        results = b"" if held else np.ascontiguousarray(piece.results).view(np.uint8).data
         self.file.put(piece.tile, json.dumps(tally(piece.codes)), results, seconds=piece.seconds, wall=wall)
 
     def expect(self, total: int) -> None:
