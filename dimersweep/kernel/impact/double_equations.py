@@ -168,28 +168,20 @@ def impact_rates(dm, modes, gains, clock, z, out):
 def friction_slopes(dm, modes, z, g_1, g_2, J):
     """Partial derivatives of (A, L_1, L_2) with respect to (X_1, X_2, a, b_1, b_2) into J (3, 5); g_i = df_i/dX_i."""
     clear(J, 3, 5)
-    a, b_1, b_2 = z[ZA], z[ZB1], z[ZB2]
-    if modes[0] == STICK or modes[1] == STICK:
+    a, held = z[ZA], modes[0] == STICK or modes[1] == STICK
+    if held:
         J[0, 0], J[0, 1] = -dm.pair.na_1 * g_1 / dm.pair.aa, -dm.pair.na_2 * g_2 / dm.pair.aa
-        if modes[0] != STICK:
-            J[1, 0] = -dm.p1.mu * g_1 * copysign(1.0, b_1)
-            J[2, 0] = -dm.pair.bb_12 / dm.pair.bb_2 * J[1, 0]
-        if modes[1] != STICK:
-            J[2, 1] = -dm.p2.mu * g_2 * copysign(1.0, b_2)
-            J[1, 1] = -dm.pair.bb_12 / dm.pair.bb_1 * J[2, 1]
-        return
-    v_1, v_2 = length(a, b_1), length(a, b_2)
-    if v_1 > 0.0:
-        c, s, k = a / v_1, b_1 / v_1, slip_strength(dm.p1.mu, force(dm, 0, z[ZX1]), v_1)
-        J[0, 0], J[1, 0] = -dm.p1.mu * g_1 * c, -dm.p1.mu * g_1 * s
-        J[0, 2], J[0, 3] = -k * s * s, k * c * s
-        J[1, 2], J[1, 3] = k * c * s, -k * c * c
-    if v_2 > 0.0:
-        c, s, k = a / v_2, b_2 / v_2, slip_strength(dm.p2.mu, force(dm, 1, z[ZX2]), v_2)
-        J[0, 1], J[2, 1] = -dm.p2.mu * g_2 * c, -dm.p2.mu * g_2 * s
-        J[0, 2] -= k * s * s
-        J[0, 4] = k * c * s
-        J[2, 2], J[2, 4] = k * c * s, -k * c * c
+    for i in range(2):
+        mu, g, b, j = end(dm, i).mu, g_1 if i == 0 else g_2, z[ZB1 + i], 1 - i
+        v = length(a, b)
+        if held and modes[i] != STICK:
+            J[1 + i, i] = -mu * g * copysign(1.0, b)
+            J[1 + j, i] = -dm.pair.bb_12 / lateral_of(dm, j) * J[1 + i, i]
+        elif not held and v > 0.0:
+            c, s, k = a / v, b / v, slip_strength(mu, force(dm, i, z[ZX1 + i]), v)
+            J[0, i], J[1 + i, i] = -mu * g * c, -mu * g * s
+            J[0, 2] -= k * s * s
+            J[0, 3 + i], J[1 + i, 2], J[1 + i, 3 + i] = k * c * s, k * c * s, -k * c * c
 
 
 @compiled
