@@ -2,6 +2,7 @@
 
 import contextlib
 import sqlite3
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,6 @@ from matplotlib.colors import to_rgb
 
 from dimersweep import orbits
 from dimersweep.cli import app
-from dimersweep.cubes.tables import storable
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.orbits.pictures import SMOOTH, _smoothed, draw_borders
@@ -121,7 +121,7 @@ def test_a_part_that_is_damaged_is_told_and_made_again(tmp_path, monkeypatch):
     whole, asked, makers = make_borders(declared), [], declared.parts()
     with opened_store(parts, declared.configuration, len(makers)) as store:
         for place, (name, make) in enumerate(makers.items()):
-            kept_part(store, place, name, lambda make=make: storable(make(lambda line: None)))
+            kept_part(store, place, name, partial(make, lambda line: None))
     with contextlib.closing(sqlite3.connect(parts)) as file, file:
         file.execute("UPDATE tiles SET results = substr(results, 1, 1000) WHERE what = 'family-1'")
     monkeypatch.setattr(border_files, "family", lambda **given: asked.append(given["A_r"]) or orbits.family(**given))

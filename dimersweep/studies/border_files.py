@@ -217,8 +217,9 @@ def make_borders(
         try:
             tables = []
             for place, (name, make) in enumerate(makers.items()):
-                stored = partial(lambda make: storable(make(tell)), make)
-                tables.append(stored() if out is None else kept_part(store, place, name, stored))
+                tables.append(
+                    storable(make(tell)) if out is None else kept_part(store, place, name, partial(make, tell))
+                )
             attrs = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
             attrs["dimersweep_borders"] = attrs.pop("dimersweep_cube")
             made = without_fill(_joined(declared, tables).assign_attrs(attrs))
@@ -242,7 +243,7 @@ def parts_of(out: Path) -> Path:
 def kept_part(store: Store, place: int, name: str, make: Callable[[], xr.Dataset]) -> xr.Dataset:
     """A part of that number: read if the store has it, or made and kept; both come the same way."""
     row = next(store.meeting(place, place + 1), None)
-    made = make() if row is None else None
+    made = storable(make()) if row is None else None
     with disk_errors(f"{store.path}: finished parts", "run the same again"):
         try:
             if row is not None:
