@@ -16,6 +16,8 @@ from dimersweep.kernel.model.layout import (
     M_DRIFT,
     M_FAILED,
     M_UNRESOLVED,
+    N_CODES,
+    N_OUT,
     N_ROW,
     N_STATE,
     OK,
@@ -73,7 +75,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
     later = motion_of(space.later_state, space.later_modes, space.later_past, space)
     dm, kept = space.dimer, without_rows(record)
     for k in range(rows.shape[0]):
-        outcome, code = out[k].view(OUTCOME_TYPE)[0], codes[k].view(CODES_TYPE)[0]
+        outcome, code = out[k, :N_OUT].view(OUTCOME_TYPE)[0], codes[k, :N_CODES].view(CODES_TYPE)[0]
         set_dimer(rows[k], dm)
         begin_run(dm, rows[k], starts, k, run)
         run_to_verdict(dm, asked_on(dm, ask), run, record, outcome, code)

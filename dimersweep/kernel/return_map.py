@@ -1,7 +1,7 @@
 """The return map: whole forcing periods from any state."""
 
 from dimersweep.kernel.compiler.jit import exported
-from dimersweep.kernel.course import Ask, motion_of
+from dimersweep.kernel.course import motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.model.body import set_dimer
 from dimersweep.kernel.model.layout import PERIOD
@@ -10,7 +10,7 @@ from dimersweep.kernel.verdict.past import begin_past
 
 
 @exported
-def advance(row, state, modes, periods, rtol, path, space, record):
+def advance(row, state, modes, ask, space, record):
     """Move a state on to the end of a forcing period, over so many such ends, with a record of the way if one is wanted.
 
     Parameters
@@ -21,10 +21,8 @@ def advance(row, state, modes, periods, rtol, path, space, record):
         Modified in place; its periods count from zero. From phase zero on these are whole forcing periods.
     modes : float64 array, shape (2,)
         Friction modes of the ends, chosen anew from the state; those at the end are filled in.
-    periods : int
-    rtol : float
-    path : bool
-        Whether x1, y1 and gamma are wanted.
+    ask : Ask
+        What is asked of the periods.
     space : Workspace
         Scratch.
     record : Record
@@ -40,5 +38,5 @@ def advance(row, state, modes, periods, rtol, path, space, record):
     clear_counts(record.counts)
     state[PERIOD] = 0.0
     set_dimer(row, space.dimer)
-    status, _ = evolve(space.dimer, Ask(periods, rtol, rtol, False, path), motion, record)
+    status, _ = evolve(space.dimer, ask, motion, record)
     return status

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from dimersweep.errors import KernelError, OrbitError, ParameterError
+from dimersweep.kernel.batch import ask_for
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import (
     JAMMED,
@@ -100,7 +101,7 @@ class Tape:
         self.periods += periods - start[PHASE] / TURN
         while True:
             state, modes = start.copy(), np.zeros(2)
-            status = advance(row, state, modes, periods, rtol, path, self.space, self.record)
+            status = advance(row, state, modes, ask_for(periods, rtol, path=path), self.space, self.record)
             if status != RECORD_FULL or len(self.record.events) >= MOST_ROWS:
                 break
             self.grow(ROWS_GROWTH * len(self.record.events))

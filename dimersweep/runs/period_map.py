@@ -6,6 +6,7 @@ and the velocity of the centre of mass along and across the axis, in units of g/
 
 import numpy as np
 
+from dimersweep.kernel.batch import ask_for
 from dimersweep.kernel.course import Workspace, new_workspace
 from dimersweep.kernel.model.body import dimer_of, dip_of, slip_at
 from dimersweep.kernel.model.layout import CA, CB, FREE, OK, SPIN, STATUS_MESSAGES, STICK, WP, State
@@ -70,7 +71,7 @@ class Section:
             If the kernel cannot go on.
         """
         modes = np.zeros(2)
-        status = advance(self.row, state, modes, periods, self.rtol, False, self.space, self.record)
+        status = advance(self.row, state, modes, ask_for(periods, self.rtol), self.space, self.record)
         if status != OK:
             raise RuntimeError(STATUS_MESSAGES[status])
         return self.point(state), modes

@@ -191,6 +191,16 @@ def test_the_kernel_is_compiled_once():
     assert len(batch.run_rows.dispatcher.signatures) == 1
 
 
+@pytest.mark.jit
+def test_rows_may_have_room_beyond_an_outcome():
+    out, codes = np.full((2, N_OUT + 7), -1.0), np.full((2, N_CODES + 3), -1)
+    batch.run_many(varied_rows(2), 5, 1e-6, False, out, codes)
+    expected, expected_codes = outcome(varied_rows(2), 5, 1e-6)
+    np.testing.assert_array_equal(out[:, :N_OUT], expected)
+    np.testing.assert_array_equal(codes[:, :N_CODES], expected_codes)
+    assert (out[:, N_OUT:] == -1).all() and (codes[:, N_CODES:] == -1).all()
+
+
 def test_slots_are_those_of_the_names():
     assert [getattr(layout, f"CODE_{name.upper()}") for name in CODES] == list(range(layout.N_CODES))
     numbers = np.arange(float(layout.N_OUT))

@@ -33,10 +33,9 @@ STICK_MARGIN = 1e-9
 
 
 @compiled
-def set_end(p, s, r, h, e, mu, mu_s, mu_h, k):
-    """Fill in one end of a dimer; friction that sticks is a little more than that which slips."""
+def set_friction(p, mu, mu_s, mu_h):
+    """Fill in the friction of an end; that which sticks is a little more than that which slips."""
     least = mu * (1.0 + STICK_MARGIN)
-    p.s, p.r, p.h, p.e, p.k = s, r, h, e, k
     p.mu, p.mu_s, p.mu_h = mu, max(mu_s, least), max(mu_h, least)
 
 
@@ -85,8 +84,11 @@ def set_dimer(row, dm):
     centre = 0.5 * ((m_2 - m_1) * lever + m_r * (r_1 - r_2)) / m
     rod_at = 0.5 * (r_1 - r_2) - centre
     h_1, h_2 = -0.5 * lever - centre, 0.5 * lever - centre
-    set_end(dm.p1, -1.0, r_1, h_1, e_1, mu_1, mu_s_1, mu_h_1, 1.0)
-    set_end(dm.p2, 1.0, r_2, h_2, e_2, mu_2, mu_s_2, mu_h_2, k_ratio)
+    p, q = dm.p1, dm.p2
+    p.s, p.r, p.h, p.e, p.k = -1.0, r_1, h_1, e_1, 1.0
+    q.s, q.r, q.h, q.e, q.k = 1.0, r_2, h_2, e_2, k_ratio
+    set_friction(p, mu_1, mu_s_1, mu_h_1)
+    set_friction(q, mu_2, mu_s_2, mu_h_2)
     J_t = 0.4 * (m_1 * r_1**2 + m_2 * r_2**2) + (m_1 * h_1**2 + m_2 * h_2**2)
     J_t += m_r * (rod**2 / 12.0 + D_r**2 / 16.0 + rod_at**2)
     J_a = 0.4 * (m_1 * r_1**2 + m_2 * r_2**2) + 0.125 * m_r * D_r**2
