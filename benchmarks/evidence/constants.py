@@ -1,17 +1,15 @@
-"""What each constant of the kernel decides: ``python benchmarks/evidence/constants.py [PART OF A NAME ...]``.
+"""What each constant of the kernel decides: ``python benchmarks/evidence/constants.py``.
 
-Each number that stands by itself in a file of the kernel is halved and doubled, one at a time, and the same runs are made: scenes
-of the whole model as a laboratory might build them, scenes over its whole domain, and long runs about the base case with their
-verdicts. A line tells how many runs have other bits then, how much more work they take, how much larger their errors are (over runs of
-rtol 1e-12), and how many statuses and modes are others. A constant that nothing notices decides nothing: it should go, or it
-guards against something that these runs lack, and a test should say so.
-
-All runs are made by one process: in a copy of the package the constants are read from memory, so the kernel is compiled once.
+Each number that stands by itself in a file of the kernel is halved and doubled, one at a time, and the same runs are
+made: scenes of the whole model as a laboratory might build them, scenes over its whole domain, and long runs about the
+base case with their verdicts. All are made by one process: in a copy of the package the constants are read from memory,
+so that the kernel is compiled once. It takes half an hour.
 """
 
 import argparse
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -49,17 +47,30 @@ for k in range(VALUES.size):
 '''
 
 
+HEAD = """# What the constants of the kernel decide
+
+`python benchmarks/evidence/constants.py` halves and doubles each of them, and makes the same {runs} runs each time.
+Columns: how many runs have other bits then; by how much their work changes, in hops of one end; by how much the errors
+of those with other bits change, over runs at `rtol` 1e-12; and how many statuses and modes are others. One that nothing
+notices guards against what these runs lack, or decides nothing.
+"""
+
+
 class Constant(NamedTuple):
-    """A number of the kernel."""
+    """A number of the kernel; one that no compiled function reads has no file."""
 
     file: str
     name: str
     value: float
+    meaning: str
 
 
 def number_of(node: ast.expr) -> float | None:
     """The number that an expression of mere numbers is."""
-    if any(not isinstance(each, ast.Constant | ast.BinOp | ast.UnaryOp | ast.operator | ast.unaryop) for each in ast.walk(node)):
+    if any(
+        not isinstance(each, ast.Constant | ast.BinOp | ast.UnaryOp | ast.operator | ast.unaryop)
+        for each in ast.walk(node)
+    ):
         return None
     value = eval(compile(ast.Expression(node), "", "eval"))
     return value if isinstance(value, int | float) and not isinstance(value, bool) else None
@@ -146,9 +157,14 @@ def make_copy(folder: Path) -> list[Constant]:
     for tree in files.values():
         barred |= places(tree)
         bounds |= bounds_of(tree)
+    meanings = {}
     for file, tree in files.items():
         module = ".".join(file.relative_to(folder).with_suffix("").parts)
+        lines = file.read_text().splitlines()
         for name, value in constants_of(tree):
+            (line,) = (k for k, text in enumerate(lines) if re.match(rf"(\w+, )*{name}\b.* = ", text))
+            above = lines[line - 1] if lines[line - 1].startswith("#") else ""
+            meanings[module, name] = (lines[line].partition("  # ")[2] or above.removeprefix("# ")).replace("|", "/")
             if isinstance(value, float) or (name not in barred and name in bounds):
                 names[module, name] = value
     listed = list(names)
@@ -162,14 +178,19 @@ def make_copy(folder: Path) -> list[Constant]:
                     if (node.module, alias.name) in names:
                         own[alias.asname or alias.name] = listed.index((node.module, alias.name))
         reads = Reads({name: (k, isinstance(names[listed[k]], int)) for name, k in own.items()})
-        tree = reads.visit(tree)
+        body = reads.visit(tree).body
         used |= reads.used
-        first = next((k for k, node in enumerate(tree.body) if not isinstance(node, ast.Expr)), 1)
-        tree.body[first:first] = ast.parse("from dimersweep import knobs").body
+        first = next((k for k, node in enumerate(body) if not isinstance(node, ast.Expr)), 1)
+        body[first:first] = ast.parse("from dimersweep import knobs").body
         file.write_text(ast.unparse(ast.fix_missing_locations(tree)))
     (folder / "dimersweep" / "knobs.py").write_text(READERS.format(values=[float(each) for each in names.values()]))
     return [
-        Constant(module.removeprefix("dimersweep.kernel."), name, value) if k in used else Constant("", name, value)
+        Constant(
+            module.removeprefix("dimersweep.kernel.") if k in used else "",
+            name,
+            value,
+            meanings.get((module, name), ""),
+        )
         for k, ((module, name), value) in enumerate(names.items())
     ]
 
@@ -216,31 +237,38 @@ def errors(found: Answers, exact: Answers) -> np.ndarray:
         return np.nan_to_num(np.abs(found.states - exact.states) / size, nan=1.0).max(axis=1)
 
 
+def measured(made: Answers, usual: Answers, exact: Answers) -> str:
+    """The columns of a change."""
+    alike = (made.states == usual.states) | (np.isnan(made.states) & np.isnan(usual.states))
+    other = ~alike.all(axis=1) | (made.codes != usual.codes).any(axis=1)
+    if not other.any():
+        return "| 0 | | | | "
+    ratio = np.log((errors(made, exact)[other] + 1e-14) / (errors(usual, exact)[other] + 1e-14)).mean()
+    changed = (made.codes != usual.codes)[:, :2].sum(axis=0)
+    more = 100 * (made.work.sum() / usual.work.sum() - 1)
+    return f"| {other.sum()} | {more:+.1f} % | {100 * np.expm1(ratio):+.0f} % | {changed[0]} | {changed[1]} "
+
+
 def ask(constants: list[Constant], parts: list[str], rtol: float) -> None:
-    """Print a line for each constant and change."""
+    """Print a table for each file."""
     from dimersweep.knobs import VALUES
 
     exact, usual = battery(1e-12), battery(rtol)
-    error = errors(usual, exact)
-    print(f"{'constant':48}{'value':>10}{'':>4}{'bits':>7}{'work':>8}{'error':>8}{'status':>8}{'mode':>6}", flush=True)
-    for k, (file, name, value) in enumerate(constants):
+    print(HEAD.format(runs=len(usual.work)), end="", flush=True)
+    before = ""
+    for k, (file, name, value, meaning) in enumerate(constants):
         if not file or (parts and not any(part in f"{file}.{name}" for part in parts)):
             continue
+        if file != before:
+            print(f"\n## {file}\n\n| constant | value | what it is | | bits | work | error | status | mode |")
+            print("|---|---|---|---|---|---|---|---|---|")
+            before = file
+        cells = []
         for factor in (0.5, 2.0):
             VALUES[k] = value * factor if isinstance(value, float) else max(1, int(value * factor))
-            made = battery(rtol)
+            cells.append(measured(battery(rtol), usual, exact))
             VALUES[k] = value
-            other = ~(
-                (made.states == usual.states) | (np.isnan(made.states) & np.isnan(usual.states))
-            ).all(axis=1) | (made.codes != usual.codes).any(axis=1)
-            ratio = np.exp(np.log((errors(made, exact) + 1e-14) / (error + 1e-14))[other].mean()) if other.any() else 1.0
-            status = int((made.codes[:, 0] != usual.codes[:, 0]).sum())
-            mode = int((made.codes[:, 1] != usual.codes[:, 1]).sum())
-            print(
-                f"{file + '.' + name:48}{value:10.3g}{'/2' if factor < 1 else 'x2':>4}{other.mean():7.1%}"
-                f"{made.work.sum() / usual.work.sum():8.3f}{ratio:8.2f}{status:8}{mode:6}",
-                flush=True,
-            )
+        print(f"| {name} | {value} | {meaning} | /2 {cells[0]}|\n| | | | x2 {cells[1]}|", flush=True)
 
 
 def main() -> None:
@@ -263,7 +291,11 @@ def main() -> None:
             "NUMBA_CACHE_DIR": str(Path(folder, "cache")),
             "DIMERSWEEP_OTHER_PHYSICS": "1",
         }
-        raise SystemExit(subprocess.run([sys.executable, __file__, *sys.argv[1:]], env=os.environ | environment).returncode)
+        raise SystemExit(
+            subprocess.run(
+                [sys.executable, __file__, *sys.argv[1:]], check=False, env=os.environ | environment
+            ).returncode
+        )
 
 
 if __name__ == "__main__":
