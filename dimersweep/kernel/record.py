@@ -7,41 +7,8 @@ import numpy as np
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.energy import Book, new_book
 from dimersweep.kernel.model.body import contact_velocity
-from dimersweep.kernel.model.event_row import (
-    E_A1,
-    E_A2,
-    E_AFTER,
-    E_B1,
-    E_B2,
-    E_BEFORE,
-    E_BETA,
-    E_CAUSE,
-    E_KIND,
-    E_N1,
-    E_N1_AFTER,
-    E_N2,
-    E_N2_AFTER,
-    E_P1,
-    E_P2,
-    E_PERIOD,
-    E_PHASE,
-    E_THETA,
-    N_EVENT,
-)
-from dimersweep.kernel.model.layout import (
-    C_CHATTER_END,
-    C_IMPACT,
-    C_SLIP,
-    C_STICK,
-    CB,
-    DIP,
-    N1,
-    N2,
-    N_STATE,
-    PERIOD,
-    PHASE,
-    THETA,
-)
+from dimersweep.kernel.model.event_row import E_KIND, N_EVENT, write_moment, write_phase
+from dimersweep.kernel.model.layout import C_CHATTER_END, C_IMPACT, C_SLIP, C_STICK, CB, N1, N_STATE
 from dimersweep.kernel.numerics.steps import copy
 
 # columns of a segment: the state, the friction modes of the phase that starts from it; and where the close of a chatter
@@ -121,24 +88,16 @@ def next_row(record):
 
 
 @compiled(inline=True)
-def head(dm, row, state, cause, kind, before, after):
-    """Write what all event rows have."""
-    row[E_PERIOD], row[E_PHASE], row[E_CAUSE], row[E_KIND] = state[PERIOD], state[PHASE], cause, kind
-    row[E_BEFORE], row[E_AFTER], row[E_BETA], row[E_THETA] = before, after, dm.beta_0 + state[DIP], state[THETA]
-
-
-@compiled(inline=True)
 def note_event(dm, record, state, cause, before, after):
     """Write the row of an event between impacts, from one contact state of Table 1 to another."""
     k = next_row(record) if is_kept(record) else -1
     if k < 0:
         return
     row = record.events[k]
-    head(dm, row, state, cause, after, before, after)
-    row[E_N1], row[E_N2], row[E_N1_AFTER], row[E_N2_AFTER] = state[N1], state[N2], state[N1], state[N2]
-    row[E_P1], row[E_P2] = 0.0, 0.0
-    _, row[E_A1], row[E_B1] = contact_velocity(dm, state, 0)
-    _, row[E_A2], row[E_B2] = contact_velocity(dm, state, 1)
+    n_1, a_1, b_1 = contact_velocity(dm, state, 0)
+    n_2, a_2, b_2 = contact_velocity(dm, state, 1)
+    write_moment(dm, row, state, cause, before, after)
+    write_phase(row, after, (n_1, n_2, n_1, n_2), (0.0, 0.0), (a_1, b_1, a_2, b_2))
 
 
 @compiled
@@ -152,7 +111,7 @@ def note_impact_phases(dm, record, state, rows, before):
         k = next_row(record)
         if k >= 0:
             copy(phase, record.events[k], N_EVENT)
-            head(dm, record.events[k], state, C_IMPACT, kind, before, after)
+            write_moment(dm, record.events[k], state, C_IMPACT, before, after)
         before = kind
 
 

@@ -3,6 +3,9 @@
 A phase of an impact is such a row from the start (``impact.phase_log``), and so are events between impacts (``record``).
 """
 
+from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.model.layout import DIP, PERIOD, PHASE, THETA
+
 # beside the names that are told: completed forcing periods; the phase counts from their end
 EVENT = (
     "period", "phase", "cause", "kind", "contact_before", "contact_after",
@@ -12,3 +15,19 @@ EVENT = (
 N_EVENT = len(EVENT)
 E_PERIOD, E_PHASE, E_CAUSE, E_KIND, E_BEFORE, E_AFTER = range(6)
 E_N1, E_N2, E_N1_AFTER, E_N2_AFTER, E_P1, E_P2, E_BETA, E_THETA, E_A1, E_B1, E_A2, E_B2 = range(6, N_EVENT)
+
+
+@compiled(inline=True)
+def write_moment(dm, row, state, cause, before, after):
+    """Write when and why an event happens, the contact states before and after it, and how the dimer lies."""
+    row[E_PERIOD], row[E_PHASE], row[E_CAUSE] = state[PERIOD], state[PHASE], cause
+    row[E_BEFORE], row[E_AFTER], row[E_BETA], row[E_THETA] = before, after, dm.beta_0 + state[DIP], state[THETA]
+
+
+@compiled(inline=True)
+def write_phase(row, kind, rates, impulses, slips):
+    """Write what happens in a phase: the contact state, gap rates before and after, normal impulses, and slips after it."""
+    row[E_KIND] = kind
+    for k in range(4):
+        row[E_N1 + k], row[E_A1 + k] = rates[k], slips[k]
+    row[E_P1], row[E_P2] = impulses
