@@ -151,16 +151,8 @@ def contact_of(dm, motion):
 
 @compiled(inline=True)
 def begin_course(course, contact, cause, events):
-    """Set a course to its start.
-
-    Parameters
-    ----------
-    contact : float
-        Contact state of Table 1 at the start. The friction modes of ends on the plate are chosen anew.
-    cause : int
-        Why the first event row is written, such as C_START.
-    events : int
-        Number of event rows in the record so far.
+    """Set a course to its start, with `contact` the contact state of Table 1 there, `cause` why the first event row is written,
+    and so many `events` in the record. The friction modes of ends on the plate are chosen anew.
     """
     course.status, course.ended = OK, False
     course.pending, course.event, course.contact_is_set, course.slip_tol = True, NO_EVENT, False, 0.0

@@ -162,10 +162,7 @@ def approaches(state):
 def resolve_impact(dm, ask, motion, record):
     """The impact of the closed ends that approach, and the close of a chatter that is as good as over.
 
-    Returns
-    -------
-    bool
-        Whether the run goes on.
+    Returns whether the run goes on.
     """
     state, past, course = motion.state, motion.past[0], motion.course[0]
     record.counts[EVENT_COUNT] += 1
@@ -207,24 +204,13 @@ def noted_impact(dm, ask, motion, record):
 def collide(dm, state, modes, tol, fastest, work, log):
     """Resolve the impact of the closed ends that approach; the state and the friction modes are updated.
 
-    Parameters
-    ----------
-    fastest : float
-        Greatest speed in the plate's frame so far [m/s]: a motion that has always been slow has its own measure of small.
-
-    Returns
-    -------
-    status, rows : int
-        OK or the reason; rows of the impact's log.
+    `fastest` is the greatest speed in the plate's frame so far [m/s]: a motion that has always been slow has its own measure of
+    small. Returns OK or the reason why not, and the rows of the impact's log.
     """
     closed_1, closed_2 = state[D1] == 0.0, state[D2] == 0.0
     if work.course[0].tally.wanted:
         begin_tally(dm, state, work.course[0].tally)
-    V = 0.0
-    if closed_1:
-        V = max(V, -state[N1])
-    if closed_2:
-        V = max(V, -state[N2])
+    V = max(-state[N1] if closed_1 else 0.0, -state[N2] if closed_2 else 0.0)
     # velocities have an absolute tolerance: the small impacts of a chatter need few digits of their own
     tol = min(LOOSEST, tol * max(1.0, min(dm.v_scale, fastest) / V))
     if closed_1 and closed_2:
@@ -253,10 +239,7 @@ def force_impact(dm, state):
 def choose_contact(dm, ask, motion, record):
     """Choose the contact of the ends at rest on the plate, and note the smooth phase that begins with it.
 
-    Returns
-    -------
-    bool
-        Whether the run moves on: not where an impact without collision has to come first, nor where the record is full.
+    Returns whether the run moves on: not where an impact without collision has to come first, nor where the record is full.
     """
     state, modes, course = motion.state, motion.modes, motion.course[0]
     course.slip_tol = no_slip(dm, state, ask.rtol)

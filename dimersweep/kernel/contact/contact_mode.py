@@ -41,17 +41,8 @@ def single_mode(dm, c, i, lost):
     which ends the slip, or turns it to where its force fits. Such a slip that nothing drives into the plate could also be
     kept by a force, but by an unstable one: it leaves (Champneys and Varkonyi, arXiv:1601.03545).
 
-    Parameters
-    ----------
-    c : Contact
-    i : int
-    lost : bool
-        The hold at rest has just been lost.
-
-    Returns
-    -------
-    int
-        CLOSED, SEPARATES, or INCONSISTENT when no force satisfies the law (Painleve: only an impact can follow).
+    `lost` says that the hold at rest has just been lost. Returns CLOSED, SEPARATES, or INCONSISTENT when no force satisfies the
+    law (Painleve: only an impact can follow).
     """
     modes, y = c.modes, c.y
     modes[0], modes[1] = FREE, FREE
@@ -234,7 +225,8 @@ def lead_with(dm, c, i, u_a, u_b, w_p):
 
 @compiled
 def contact_mode(dm, c, closed_1, closed_2, event):
-    """Which of the closed ends stay closed, and in which friction modes, into c.modes (c.y with p1 leading if it is closed).
+    """Which of the closed ends stay closed, and in which friction modes, into c.modes (c.y with p1 leading if it is closed);
+    returns CLOSED, SEPARATES or INCONSISTENT.
 
     `event` is the number of what has just ended the last contact phase (`events`), NO_EVENT if nothing has: rounding may
     leave a little of a hold that was lost, or of a force that has vanished.
@@ -246,11 +238,6 @@ def contact_mode(dm, c, closed_1, closed_2, event):
     All modes are judged at the spin of the given state, so that the forces of each agree even near zero. A slip that the mode
     found sets or takes away then comes about by impulses; one that is only rounding needs none, so that a run goes on from a
     stored state to the same bits.
-
-    Returns
-    -------
-    int
-        CLOSED, SEPARATES or INCONSISTENT.
     """
     y = c.y
     u_b, w_p = y[Y.u_b], y[Y.w_p]

@@ -157,12 +157,7 @@ def give_impulses(dm, modes, y, u_b, w_p):
     """Have the lateral slips that were put into y come about by impulses: the spin takes its part in them.
 
     So a rod that rolls fast gets no energy from a slip, however small, that is set or taken away. In the upright chart the
-    spin stays.
-
-    Parameters
-    ----------
-    u_b, w_p : float
-        Lateral slip of the leading end and theta' cos(beta) before.
+    spin stays. The lateral slip of the leading end and theta' cos(beta) were u_b, w_p before.
     """
     b = y[Y.u_b]
     if modes[0] != FREE and modes[1] != FREE:
@@ -189,12 +184,8 @@ def set_slip(dm, modes, y, i, a, b):
 
 @compiled
 def axis(s, y):
-    """In the upright chart: vertical component of the axis k and of its rate, and the heading (zero turn at the vertical).
-
-    Returns
-    -------
-    k_n, k_n', cos(beta), c, d : float
-        c, d are the components of the heading along the axes a, b of the chart.
+    """In the upright chart: vertical component of the axis k and of its rate, cos(beta), and the components of the heading
+    along the axes a, b of the chart (zero turn at the vertical).
     """
     cos_b = length(y[Y.k_a], y[Y.k_b])
     k_n = -s * sqrt(max(0.0, 1.0 - cos_b * cos_b))

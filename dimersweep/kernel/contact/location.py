@@ -80,11 +80,7 @@ def first_crossing(p, event, least):
     """Locate the first zero of the armed event functions in a step over which the least of them fell to `least` <= 0.
 
     Each probe is a step of its own. The state is past the zero by a hair, so that what changes there has changed clearly.
-
-    Returns
-    -------
-    int
-        The event, at which the step ends now; or UNSOUND.
+    Returns the event, at which the step ends now; or UNSOUND.
     """
     h, values = p.control.size, p.b.values[1]
     g_low, _ = least_value(p, p.b.start, values)

@@ -83,15 +83,8 @@ PAST_LANDING = 1.02  # how far past a landing in sight a step goes
 def sustain_contact(dm, c, span, path, tol, locate, work):
     """Integrate a phase of sustained contact, c.y in place, to its first event, or over `span` seconds; see `Phase`.
 
-    `path` says whether x1, y1 and gamma are wanted; they are where works are.
-
-    Returns
-    -------
-    t : float
-        Time integrated [s].
-    event : int
-        NO_EVENT (the span is over), the number of the event (JAM also where no step is short enough), or
-        OUT_OF_STEPS, also where the meter of the work array is over.
+    `path` says whether x1, y1 and gamma are wanted; they are where works are. Returns the time integrated [s], and the number
+    of the event (JAM also where no step is short enough), NO_EVENT if the span is over, or OUT_OF_STEPS, also if the meter is.
     """
     t, n, b, control, bracket = 0.0, N_PATH if path else N_CLOSED, step_arrays(work), work.control[0], work.bracket[0]
     if work.course[0].tally.wanted:
