@@ -49,13 +49,8 @@ from dimersweep.kernel.model.layout import (
     RECORD_FULL,
     ROOT_STEPS,
     ROW_BETA0,
-    ROW_BETADOT0,
-    ROW_GAMMADOT0,
-    ROW_GAP0,
     ROW_THETA0,
-    ROW_THETADOT0,
     ROW_XDOT0,
-    ROW_YDOT0,
     SPIN,
     STOPPED,
     THETA,
@@ -290,7 +285,7 @@ def follow_up(dm, ask, motion, record, event):
             course.pending = True
             course.event = event
             if event != LANDING:
-                course.cause = cause_of(event)
+                course.cause = C_STICK if is_slip_end(event) else (C_SLIP if is_hold_lost(event) else C_LIFT_OFF)
 
 
 @compiled(inline=True)
@@ -311,14 +306,6 @@ def end_period(dm, ask, motion, record):
         course.ended = True
 
 
-@compiled(inline=True)
-def cause_of(event):
-    """Why an event row is written, from the event of a contact phase."""
-    if is_slip_end(event):
-        return C_STICK
-    return C_SLIP if is_hold_lost(event) else C_LIFT_OFF
-
-
 # --- start and end of a run ---------------------------------------------------------------------------------------------
 
 
@@ -327,29 +314,23 @@ def start_state(dm, row, state):
     """The start of a run: the lower end at gap0 over the plate, the rod at beta0 along the heading theta0 (Y where that is
     zero), the rates of x1, y1, beta, theta, gamma as the row has them, that of z1 zero, all in the room.
     """
+    theta0, ydot0, betadot0, thetadot0, gammadot0, gap0 = row[ROW_THETA0:]
     for k in range(N_STATE):
         state[k] = 0.0
-    state[DIP] = row[ROW_BETA0] - dm.beta_0
+    state[DIP], state[THETA] = row[ROW_BETA0] - dm.beta_0, theta0
     rise = dm.l * lift(dm, state[DIP])
-    state[D1], state[D2] = max(0.0, -rise) + row[ROW_GAP0], max(0.0, rise) + row[ROW_GAP0]
+    state[D1], state[D2] = max(0.0, -rise) + gap0, max(0.0, rise) + gap0
     state[N1] = state[N2] = -plate_rate(dm, dm.phi0)
     v_x, v_y = velocity_along(dm, dm.phi0)
-    v_x, v_y = row[ROW_XDOT0] - v_x, -(v_y - row[ROW_YDOT0])  # -0.0 where both are zero, as ever
-    sin_t, cos_t = sincos(row[ROW_THETA0])
-    state[THETA] = row[ROW_THETA0]
+    v_x, v_y = row[ROW_XDOT0] - v_x, -(v_y - ydot0)  # -0.0 where both are zero, as ever
+    sin_t, cos_t = sincos(theta0)
     state[CA], state[CB] = v_y * cos_t - v_x * sin_t, v_x * cos_t + v_y * sin_t
-    if row[ROW_BETADOT0] != 0.0 or row[ROW_THETADOT0] != 0.0 or row[ROW_GAMMADOT0] != 0.0:
-        turn_about_ball_1(dm, row[ROW_BETADOT0], row[ROW_THETADOT0], row[ROW_GAMMADOT0], state)
-
-
-@compiled
-def turn_about_ball_1(dm, beta_rate, theta_rate, gamma_rate, state):
-    """Have a dimer that does not turn do so, with the velocity of ball 1 kept."""
-    sin_b, cos_b = attitude(dm, state[DIP])
-    state[WB], state[WP], state[SPIN] = beta_rate, theta_rate * cos_b, gamma_rate + theta_rate * sin_b
-    state[N2] += dm.l * cos_b * state[WB]
-    state[CA] += dm.p1.h * sin_b * state[WB]
-    state[CB] += dm.p1.h * state[WP]
+    if betadot0 != 0.0 or thetadot0 != 0.0 or gammadot0 != 0.0:  # about the centre of ball 1, whose velocity is kept
+        sin_b, cos_b = attitude(dm, state[DIP])
+        state[WB], state[WP], state[SPIN] = betadot0, thetadot0 * cos_b, gammadot0 + thetadot0 * sin_b
+        state[N2] += dm.l * cos_b * state[WB]
+        state[CA] += dm.p1.h * sin_b * state[WB]
+        state[CB] += dm.p1.h * state[WP]
 
 
 @compiled(inline=True)

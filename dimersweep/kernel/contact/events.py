@@ -77,9 +77,9 @@ def event_function(p, k, y, F):
     if k == JAM:
         return F[COMPLIANCE]
     if k == LANDING or k == LEAVES_CHART:
-        if modes[0] != FREE and modes[1] != FREE:
+        if (modes[0] != FREE and modes[1] != FREE) or (k == LANDING and y[Y.chart] == UPRIGHT):
             return inf
-        return to_border(dm, y) if k == LEAVES_CHART else height_of_open_end(modes, y)
+        return to_border(dm, y) if k == LEAVES_CHART else (y[Y.dip] if modes[0] != FREE else -y[Y.dip])
     i = end_of(k)
     if modes[i] == FREE:
         return inf
@@ -92,14 +92,6 @@ def event_function(p, k, y, F):
     a0, b0 = slip_of(dm, modes, p.b.start.y, i)
     a, b = slip_of(dm, modes, y, i)
     return ((a * a0 + b * b0) / length(a0, b0) - p.slip_tol) / dm.v_scale
-
-
-@compiled(inline=True)
-def height_of_open_end(modes, y):
-    """The dip, positive where it opens the gap of the end that is not closed; inf in the upright chart."""
-    if y[Y.chart] == UPRIGHT:
-        return inf
-    return y[Y.dip] if modes[0] != FREE else -y[Y.dip]
 
 
 class ContactEvents(NamedTuple):

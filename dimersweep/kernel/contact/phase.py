@@ -137,34 +137,29 @@ def begin_phase(p, y):
 @compiled(inline=True)
 def step_on(p):
     """Take one step, or find that it has to be shorter; returns the event that ends the phase, or GOES_ON."""
-    c = p.control
+    b, c, start, out = p.b, p.control, p.b.start, p.b.out
     if c.time >= p.span:
         return NO_EVENT
-    begin_step(p)
+    start.y[Y.time] = 0.0
+    c.stiffness = stiffness(p, max(start.F[F1], start.F[F2]))
+    c.now = p.phase + p.dm.omega * c.time
+    c.speed, c.speed_rate = slip_speed(p.dm, p.modes, start.y, start.dy)
     event = end_slip_on_line(p)
     if event != GOES_ON:
         return event
     choose_step(p)
     error = step_to(p, c.now, c.size)
     factor = step_factor(error, 8.0)
-    if not error <= 1.0 or (c.method == RESCALED and p.b.out.y[Y.time] > p.span - c.time):
+    if not error <= 1.0 or (c.method == RESCALED and out.y[Y.time] > p.span - c.time):
         return shorten(p, 0.3 if error == inf else min(factor, 0.8))
-    least, event = least_after_step(p)
+    b.armed[JAM] = 1.0 if min(start.F[COMPLIANCE], out.F[COMPLIANCE]) < TIGHT else 0.0
+    b.values[0, JAM] = start.F[COMPLIANCE]
+    least, event = least_value(p, out, b.values[3])
     if may_hide_event(p, least, event):
         return GOES_ON
     if least <= 0.0:
         return stop_at_event(p, least, event)
     return accept_step(p, factor)
-
-
-@compiled(inline=True)
-def begin_step(p):
-    """What a step starts from, and how stiff its slip is."""
-    c, start = p.control, p.b.start
-    start.y[Y.time] = 0.0
-    c.stiffness = stiffness(p, max(start.F[F1], start.F[F2]))
-    c.now = p.phase + p.dm.omega * c.time
-    c.speed, c.speed_rate = slip_speed(p.dm, p.modes, start.y, start.dy)
 
 
 @compiled(inline=True)
@@ -264,15 +259,6 @@ def shorten(p, factor):
         c.h *= factor
         length = c.h
     return JAM if length < LEAST_STEP * p.dm.period else GOES_ON
-
-
-@compiled(inline=True)
-def least_after_step(p):
-    """Least of the event functions after the step, and its number."""
-    b, first = p.b, p.b.start.F[COMPLIANCE]
-    b.armed[JAM] = 1.0 if min(first, b.out.F[COMPLIANCE]) < TIGHT else 0.0
-    b.values[0, JAM] = first
-    return least_value(p, b.out, b.values[3])
 
 
 @compiled(inline=True)

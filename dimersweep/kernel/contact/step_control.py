@@ -275,6 +275,7 @@ def slopes_of_single(step, i, *state):
 def explicit_contact_step(step):
     """One DOP853 step from the start into `out`; returns the error over the tolerance."""
     p, b, y = step.p, step.p.b, step.p.b.start.y
+    charge(p.meter, EXPLICIT_COST)
     copy(b.start.dy, b.K[0], p.n)
     rescale(step, y, b.start.F, b.K[0])
     if y[Y.chart] == UPRIGHT or (p.modes[0] != FREE and p.modes[1] != FREE):
@@ -426,10 +427,6 @@ def step_to(p, phase, h):
     The rates (per time) and the forces at its end are left in `out`.
     """
     step = Step(p, phase, h, p.control.method, p.control.stiffness)
-    if step.method == IMPLICIT:
-        error = implicit_step(step)
-    else:
-        charge(p.meter, EXPLICIT_COST)
-        error = explicit_contact_step(step)
+    error = implicit_step(step) if step.method == IMPLICIT else explicit_contact_step(step)
     phase_rates(p, phase + p.dm.omega * p.b.out.y[Y.time], p.b.out)
     return error

@@ -12,8 +12,8 @@ ROW = (
     "tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y", "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0",
 )  # fmt: skip
 N_ROW = len(ROW)
-ROW_BETA0, ROW_XDOT0, ROW_PHI0, ROW_PHI_2 = (ROW.index(name) for name in ("beta0", "xdot0", "phi0", "phi_2"))
-ROW_THETA0, ROW_YDOT0, ROW_BETADOT0, ROW_THETADOT0, ROW_GAMMADOT0, ROW_GAP0 = range(ROW.index("theta0"), N_ROW)
+# theta0 and what follows stands last
+ROW_BETA0, ROW_XDOT0, ROW_PHI0, ROW_PHI_2, ROW_THETA0 = map(ROW.index, ("beta0", "xdot0", "phi0", "phi_2", "theta0"))
 
 
 class End:
