@@ -74,13 +74,7 @@ from dimersweep.kernel.record import (
     note_impact_phases,
     note_segment,
 )
-from dimersweep.kernel.smooth_motion import (
-    find_contact,
-    move_to_next_event,
-    no_slip,
-    only_grazes,
-    rests_for_good,
-)
+from dimersweep.kernel.smooth_motion import find_contact, move_to_next_event, no_slip, only_grazes, rests_for_good
 from dimersweep.kernel.verdict.classify import stays_as_it_is
 from dimersweep.kernel.verdict.past import note_contact_modes, note_impact, note_landings
 from dimersweep.kernel.verdict.settling import note_period

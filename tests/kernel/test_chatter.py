@@ -5,22 +5,7 @@ import pytest
 
 from dimersweep.kernel.chatter import CLOSE_COST, SPREAD
 from dimersweep.kernel.model.body import dimer_of
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    D2,
-    N1,
-    N2,
-    N_STATE,
-    SPIN,
-    STATUSES,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
-)
+from dimersweep.kernel.model.layout import CA, CB, D1, D2, N1, N2, N_STATE, SPIN, STATUSES, THETA, WB, WP, X1, Y1
 from tests.checks.examine import STRICT, look_at, record
 from tests.checks.launch import last_state
 from tests.checks.random_scenes import scene_row

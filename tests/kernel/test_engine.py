@@ -13,16 +13,7 @@ from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, new_workspace
 from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
 from dimersweep.kernel.model.event_row import E_A1, E_CAUSE, E_N1, E_P1, EVENT
-from dimersweep.kernel.model.layout import (
-    CODES,
-    MODES,
-    N_CODES,
-    N_OUT,
-    OUT,
-    ROW,
-    STATUS_MESSAGES,
-    STATUSES,
-)
+from dimersweep.kernel.model.layout import CODES, MODES, N_CODES, N_OUT, OUT, ROW, STATUS_MESSAGES, STATUSES
 from tests.checks.data import data
 from tests.checks.verbs import row_of
 

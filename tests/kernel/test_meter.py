@@ -8,19 +8,7 @@ from dimersweep.kernel.contact.coordinates import N_Y
 from dimersweep.kernel.contact.events import NO_EVENT, OUT_OF_STEPS
 from dimersweep.kernel.contact.step_control import EXPLICIT_COST
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, new_workspace
-from dimersweep.kernel.model.layout import (
-    CB,
-    CODES,
-    IMPACT_STEPS,
-    N1,
-    N2,
-    N_CODES,
-    N_OUT,
-    N_STATE,
-    OK,
-    SLIP,
-    STATUSES,
-)
+from dimersweep.kernel.model.layout import CB, CODES, IMPACT_STEPS, N1, N2, N_CODES, N_OUT, N_STATE, OK, SLIP, STATUSES
 from dimersweep.kernel.smooth_motion import CONTACT_COST
 from dimersweep.parameters import Parameters
 from tests.checks.random_scenes import rows_of

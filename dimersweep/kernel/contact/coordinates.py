@@ -22,24 +22,7 @@ from dimersweep.kernel.model.body import (
     lift,
     turn_of_pair,
 )
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    D2,
-    DIP,
-    FREE,
-    GAMMA,
-    N1,
-    N2,
-    SPIN,
-    STICK,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
-)
+from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, FREE, GAMMA, N1, N2, SPIN, STICK, THETA, WB, WP, X1, Y1
 from dimersweep.kernel.model.works import N_CONTACT_WORK
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import sincos
