@@ -16,6 +16,7 @@ from dimersweep.kernel.contact.coordinates import (
     contact_state,
     kernel_state,
     leading,
+    slip_speed,
 )
 from dimersweep.kernel.contact.events import (
     HOLD_LOST,
@@ -25,7 +26,6 @@ from dimersweep.kernel.contact.events import (
     end_of,
     is_lift_off,
     is_slip_end,
-    slip_speed,
 )
 from dimersweep.kernel.contact.forces import Contact, contact_rates
 from dimersweep.kernel.contact.phase import sustain_contact

@@ -7,8 +7,16 @@ friction can hold it. A mode fits if the forces that go with it do.
 from math import copysign
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import Y, give_impulses, leading, put_slip, put_slips
-from dimersweep.kernel.contact.events import change_of_slip, end_of, is_hold_lost, is_lift_off, slip_limit
+from dimersweep.kernel.contact.coordinates import (
+    Y,
+    change_of_slip,
+    give_impulses,
+    leading,
+    put_slip,
+    put_slips,
+    slip_limit,
+)
+from dimersweep.kernel.contact.events import end_of, is_hold_lost, is_lift_off
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve, take_rates
 from dimersweep.kernel.contact.slip_onset import (
     PAIR_SPEED,

@@ -7,7 +7,7 @@ chart was entered: the axis k from p1 to p2 and chi = gamma +- theta stay regula
 same slots, and the same tolerances suit both.
 """
 
-from math import sqrt
+from math import inf, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -22,7 +22,25 @@ from dimersweep.kernel.model.body import (
     lift,
     turn_of_pair,
 )
-from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, FREE, GAMMA, N1, N2, SPIN, STICK, THETA, WB, WP, X1, Y1
+from dimersweep.kernel.model.layout import (
+    CA,
+    CB,
+    D1,
+    D2,
+    DIP,
+    FREE,
+    GAMMA,
+    N1,
+    N2,
+    SLIP,
+    SPIN,
+    STICK,
+    THETA,
+    WB,
+    WP,
+    X1,
+    Y1,
+)
 from dimersweep.kernel.model.works import N_CONTACT_WORK
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import sincos
@@ -109,6 +127,43 @@ def slip_of(dm, modes, y, i):
     if i == 0 or modes[0] == FREE:
         return y[Y.u_a], y[Y.u_b]
     return y[Y.u_a], y[Y.u_b] - apart_sideways(dm, y[Y.w_p], y[Y.spin])
+
+
+@compiled(inline=True)
+def change_of_slip(dm, modes, y, dy, i):
+    """Speed of the slip of end i; its rate along itself and across, both times that speed."""
+    a, b = slip_of(dm, modes, y, i)
+    d_a, d_b = slip_of(dm, modes, dy, i)
+    return length(a, b), a * d_a + b * d_b, a * d_b - b * d_a
+
+
+@compiled
+def slip_speed(dm, modes, y, dy):
+    """Speed of the end that slips most slowly, and its rate; inf, 0.0 if none has a slip that turns.
+
+    Beside an end that sticks the other one slips along a fixed line.
+    """
+    least, rate = inf, 0.0
+    if modes[0] == STICK or modes[1] == STICK:
+        return least, rate
+    for i in range(2):
+        if modes[i] == SLIP:
+            v, along, _ = change_of_slip(dm, modes, y, dy, i)
+            if v < least:
+                least, rate = v, along / v
+    return least, rate
+
+
+@compiled
+def slip_limit(dm, modes, y, dy):
+    """Time over which no slip comes to rest at its present rate."""
+    h = inf
+    for i in range(2):
+        if modes[i] == SLIP:
+            v, along, _ = change_of_slip(dm, modes, y, dy, i)
+            if along < 0.0:
+                h = min(h, -v / (along / v))
+    return h
 
 
 @compiled

@@ -1,19 +1,32 @@
-"""What ends a phase of sustained contact: event functions that are positive while it goes on.
+"""What ends a phase of sustained contact: event functions that are positive while it goes on, and where in a step they vanish.
 
 A closed end leaves where its normal force would break (3), and begins to slip where its friction would break the bound of (4)
 for stick. An open end lands where its gap in (3) is zero. A slip ends where it is zero: then (4) has its other case.
 """
 
-from math import inf, sqrt
+from math import inf
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import N_PATH, UPRIGHT, Y, slip_of, to_border
-from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, hold_reserve
+from dimersweep.kernel.contact.coordinates import UPRIGHT, Y, leading, slip_of, to_border
+from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, contact_rates, hold_reserve
+from dimersweep.kernel.contact.step_control import RESCALED, step_to
+from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import tempo
 from dimersweep.kernel.numerics.elementary import length
-from dimersweep.kernel.numerics.root_bracket import arm, least_armed
+from dimersweep.kernel.numerics.root_bracket import (
+    PROBE_FOUND,
+    PROBE_LOOK_ON,
+    PROBE_REFUSED,
+    UNSOUND,
+    arm,
+    least_armed,
+    locate,
+    set_bracket,
+    zero_on_cubic,
+)
+from dimersweep.kernel.numerics.steps import on_cubic
 
 # Events of a contact phase, two numbers of each kind that an end has: the even one is p1's, the odd one p2's. A phase
 # evaluates one event function for each number.
@@ -25,8 +38,13 @@ N_CONTACT_EVENTS = 9
 N_FORCE_EVENTS = SLIP_END  # those below this number are lift-offs and lost holds
 # in place of an event: the time is over; a bound on steps, or on probes for a landing, was reached; the phase goes on
 NO_EVENT, OUT_OF_STEPS, OUT_OF_PROBES, GOES_ON = -1, -2, -4, -5
-# slip, in units of the one that counts as none, whose direction is only known as well as the tolerance
-UNSURE_SLIP = 10.0
+
+NARROW = 0.02  # share of a step in which the bottom of a dip may hide at either end
+# force or hold which may dip to zero, in weights and per square of the angle that the motion turns in a step
+LOW_FORCE = 0.5
+# what an event function may be past its zero, in units of the tolerance and of its change in the step
+ZERO_PASSED = 1e-3
+DIP_LEFT = 100.0  # in units of that, what may be left of a dip when the open end lands: it is then set to zero
 
 
 @compiled
@@ -122,82 +140,111 @@ def arm_events(p, values):
     arm(noted_value, ContactEvents(p, p.b.start.y, p.b.start.F, values), p.b.armed, LANDING + 1)
 
 
-@compiled(inline=True)
-def change_of_slip(dm, modes, y, dy, i):
-    """Speed of the slip of end i; its rate along itself and across, both times that speed."""
-    a, b = slip_of(dm, modes, y, i)
-    d_a, d_b = slip_of(dm, modes, dy, i)
-    return length(a, b), a * d_a + b * d_b, a * d_b - b * d_a
-
-
-@compiled
-def slip_speed(dm, modes, y, dy):
-    """Speed of the end that slips most slowly, and its rate; inf, 0.0 if none has a slip that turns.
-
-    Beside an end that sticks the other one slips along a fixed line.
-    """
-    least, rate = inf, 0.0
-    if modes[0] == STICK or modes[1] == STICK:
-        return least, rate
-    for i in range(2):
-        if modes[i] == SLIP:
-            v, along, _ = change_of_slip(dm, modes, y, dy, i)
-            if v < least:
-                least, rate = v, along / v
-    return least, rate
-
-
-@compiled
-def slip_limit(dm, modes, y, dy):
-    """Time over which no slip comes to rest at its present rate."""
-    h = inf
-    for i in range(2):
-        if modes[i] == SLIP:
-            v, along, _ = change_of_slip(dm, modes, y, dy, i)
-            if along < 0.0:
-                h = min(h, -v / (along / v))
-    return h
-
-
 @compiled
 def motion_rate(dm, y):
     """Rate at which the motion changes [rad/s]: that of the plate, or of the falling and turning rod."""
     return max(tempo(dm), dm.w_scale + abs(y[Y.w_b]) + abs(y[Y.w_p]) + dm.J_a * dm.it * abs(y[Y.spin]))
 
 
-@compiled
-def slip_about_to_end(p, span):
-    """Number of a slipping end that comes to rest along a straight line within a brief time, at most `span`; -1 if none does.
+# --- where an event lies in a step, and whether a step may hide one ------------------------------------------------------
 
-    Its slip and the change of its slip must be parallel to the tolerance; within a tolerance of rest slowing down will do.
-    Brief is a time over which a straight line is as good as the tolerance: its error is quadratic.
+
+class PhaseCrossing(NamedTuple):
+    """A step of a contact phase with an event in it."""
+
+    p: Any
+    event: int  # number of the event function that is least at its end
+    past: float  # what it may be past its zero
+    dip_left: float  # what may be left of a dip when the open end lands
+
+
+@compiled(inline=True)
+def look_on_cubic(p, share, h, forces):
+    """Go to a share of a step of h seconds, on the cubic through its ends."""
+    start, out, at = p.b.start, p.b.out, p.b.probe
+    on_cubic(start.y, start.dy, out.y, out.dy, share, h, p.n, at.y)
+    if forces:
+        contact_rates(p.dm, p.modes, p.control.now + p.dm.omega * h * share, at.y, False, at.dy, at.F)
+
+
+@compiled(inline=True)
+def value_on_cubic(at, share):
+    """The event function on the cubic through the ends of the step, at a share of it."""
+    look_on_cubic(at.p, share, at.p.control.size, needs_forces(at.event))
+    return event_function(at.p, at.event, at.p.b.probe.y, at.p.b.probe.F)
+
+
+@compiled(inline=True)
+def probe_step(at, t):
+    """Take the step up to t: the least event function there, its event, and PROBE_FOUND, PROBE_LOOK_ON or PROBE_REFUSED."""
+    p, y = at.p, at.p.b.out.y
+    if not step_to(p, p.control.now, t) <= 1.0:
+        return 0.0, UNSOUND, PROBE_REFUSED
+    g, which = least_value(p, p.b.out, p.b.values[1])
+    at_rest = is_slip_end(which) and abs(g) <= p.slip_tol / p.dm.v_scale
+    landed = which == LANDING and abs(g) <= at.dip_left and y[Y.dip] * y[Y.w_b] < 0.0
+    return g, which, PROBE_FOUND if -at.past <= g <= 0.0 or at_rest or landed else PROBE_LOOK_ON
+
+
+@compiled
+def first_crossing(p, event, least):
+    """Locate the first zero of the armed event functions in a step over which the least of them fell to `least` <= 0.
+
+    Each probe is a step of its own. The state is past the zero by a hair, so that what changes there has changed clearly.
+    Returns the event, at which the step ends now; or UNSOUND.
     """
-    dm, y = p.dm, p.b.start.y
-    for i in range(2):
-        if p.modes[i] == SLIP:
-            v, along, turning = change_of_slip(dm, p.modes, y, p.b.start.dy, i)
-            if along < 0.0:
-                across = abs(turning) * v / -along
-                time = v * v / -along
-                straight = time <= 0.6 * sqrt(p.tol) / motion_rate(dm, y) and across <= 0.5 * p.tol * dm.v_scale
-                if time <= span and (v <= UNSURE_SLIP * p.slip_tol or straight):
-                    return i
-    return -1
+    h, values = p.control.size, p.b.values[1]
+    g_low, _ = least_value(p, p.b.start, values)
+    past = ZERO_PASSED * p.tol * (abs(g_low) + abs(least))
+    dip_left = DIP_LEFT * past if p.b.start.y[Y.dip] != 0.0 else 0.0  # an end that has just left does not land
+    at, guess, slope = PhaseCrossing(p, event, past, dip_left), 0.0, 0.0
+    if p.control.method != RESCALED:
+        guess, slope = zero_on_cubic(value_on_cubic, at, p.bracket, h, values[event], least)
+    set_bracket(p.bracket, h, g_low, least, guess, slope)
+    return locate(probe_step, at, p.bracket, h, -0.5 * past, True)
 
 
 @compiled
-def time_to_slip_end(p, i):
-    """Time in which end i comes to rest along a straight line; none for a slip that counts as none."""
-    a, b = slip_of(p.dm, p.modes, p.b.start.y, i)
-    d_a, d_b = slip_of(p.dm, p.modes, p.b.start.dy, i)
-    v2 = a * a + b * b
-    return -v2 / (a * d_a + b * d_b) if v2 > p.slip_tol * p.slip_tol else 0.0
+def low_between(p, turn):
+    """Whether a force or a hold is so low at an end of a step over which the motion turns so far that it may dip to zero."""
+    for k in range(N_FORCE_EVENTS):
+        first, last = p.b.values[0, k], p.b.values[3, k]
+        if p.b.armed[k] > 0.0 and last > 0.0 and min(first, last) < LOW_FORCE * turn * turn:
+            return True
+    return False
 
 
-@compiled
-def carry(p, t):
-    """Carry the state on at its present rates; the dip at its present acceleration, or the smallest hops would gain energy."""
-    y, dy = p.b.start.y, p.b.start.dy
-    y[Y.dip] += 0.5 * t * t * dy[Y.w_b]
-    for k in range(min(p.n, N_PATH)):
-        y[k] += t * dy[k]
+@compiled(inline=True)
+def hidden_dip(p, h):
+    """Share of an accepted step of h seconds at which an event function may dip below zero between positive ends, 1.0 if none.
+
+    (A step that ends with an event of one function may hide the dip of another one.)
+
+    It is only looked for where a force or a hold is low, or a dip that falls at the start rises at the end, or a jam is near.
+    The functions are evaluated on the cubic through the step's ends; the parabola through the lowest of them and its
+    neighbours, less the errors of that cubic and of that parabola for a function that changes as quickly as the motion,
+    bounds what lies between. The bottom of that parabola may lie just outside the step though that of the dip is just inside.
+    """
+    b, values, turn = p.b, p.b.values, motion_rate(p.dm, p.b.start.y) * h
+    sign = end(p.dm, leading(p.modes)).s
+    returns = b.armed[LANDING] > 0.0 and sign * b.start.y[Y.w_b] > 0.0 > sign * b.out.y[Y.w_b]
+    if not (returns or b.armed[JAM] > 0.0 or low_between(p, turn)):
+        return 1.0
+    doubt = turn**4 / 384.0 + turn / 24.0
+    for k in range(1, 3):
+        look_on_cubic(p, k / 3.0, h, True)
+        least_value(p, b.probe, values[k])
+    share = 1.0
+    for k in range(N_CONTACT_EVENTS):
+        if b.armed[k] == 0.0 or is_slip_end(k) or k == LEAVES_CHART or values[3, k] <= 0.0:
+            continue
+        q = 1 if values[1, k] <= values[2, k] else 2
+        low = values[q, k]
+        left, right = values[q - 1, k] - low, values[q + 1, k] - low
+        if not left + right > 0.0:
+            continue
+        shift = 0.5 * (left - right) / (left + right)
+        bottom = low - 0.25 * (left - right) * shift
+        if -2.0 * doubt < q + shift < 3.0 + 2.0 * doubt and bottom <= doubt * max(left, right):
+            share = min(share, min(max(NARROW, (q + shift) / 3.0), 1.0 - NARROW))
+    return share

@@ -11,9 +11,12 @@ from dimersweep.kernel.contact.coordinates import (
     UPRIGHT,
     Y,
     change_chart,
+    change_of_slip,
     leading,
     set_slip,
+    slip_limit,
     slip_of,
+    slip_speed,
 )
 from dimersweep.kernel.contact.events import (
     GOES_ON,
@@ -26,18 +29,15 @@ from dimersweep.kernel.contact.events import (
     OUT_OF_STEPS,
     SLIP_END,
     arm_events,
-    carry,
     end_of,
+    first_crossing,
+    hidden_dip,
     is_slip_end,
     least_value,
+    low_between,
     motion_rate,
-    slip_about_to_end,
-    slip_limit,
-    slip_speed,
-    time_to_slip_end,
 )
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, N_F, contact_rates
-from dimersweep.kernel.contact.location import first_crossing, hidden_dip, low_between
 from dimersweep.kernel.contact.step_control import (
     IMPLICIT,
     PLAIN_METHOD,
@@ -72,6 +72,8 @@ SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
 LONGEST_STEP = 0.25  # longest step, in forcing periods
 # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
 FIRST_PHASE_STEP, FIRST_RESCALED = 1.6, 15.0
+# slip, in units of the one that counts as none, whose direction is only known as well as the tolerance
+UNSURE_SLIP = 10.0
 HALTING = 1.4  # step over the time to rest of a slip that turns, over the tolerance to the power of 1/16: as measured
 SLIDING = 0.65  # the same of an implicit step: as measured
 RISE = 3.0  # of the step from one to the next, at most, by the rescaled and the implicit method
@@ -160,6 +162,44 @@ def step_on(p):
     if least <= 0.0:
         return stop_at_event(p, least, event)
     return accept_step(p, factor)
+
+
+@compiled
+def slip_about_to_end(p, span):
+    """Number of a slipping end that comes to rest along a straight line within a brief time, at most `span`; -1 if none does.
+
+    Its slip and the change of its slip must be parallel to the tolerance; within a tolerance of rest slowing down will do.
+    Brief is a time over which a straight line is as good as the tolerance: its error is quadratic.
+    """
+    dm, y = p.dm, p.b.start.y
+    for i in range(2):
+        if p.modes[i] == SLIP:
+            v, along, turning = change_of_slip(dm, p.modes, y, p.b.start.dy, i)
+            if along < 0.0:
+                across = abs(turning) * v / -along
+                time = v * v / -along
+                straight = time <= 0.6 * sqrt(p.tol) / motion_rate(dm, y) and across <= 0.5 * p.tol * dm.v_scale
+                if time <= span and (v <= UNSURE_SLIP * p.slip_tol or straight):
+                    return i
+    return -1
+
+
+@compiled
+def time_to_slip_end(p, i):
+    """Time in which end i comes to rest along a straight line; none for a slip that counts as none."""
+    a, b = slip_of(p.dm, p.modes, p.b.start.y, i)
+    d_a, d_b = slip_of(p.dm, p.modes, p.b.start.dy, i)
+    v2 = a * a + b * b
+    return -v2 / (a * d_a + b * d_b) if v2 > p.slip_tol * p.slip_tol else 0.0
+
+
+@compiled
+def carry(p, t):
+    """Carry the state on at its present rates; the dip at its present acceleration, or the smallest hops would gain energy."""
+    y, dy = p.b.start.y, p.b.start.dy
+    y[Y.dip] += 0.5 * t * t * dy[Y.w_b]
+    for k in range(min(p.n, N_PATH)):
+        y[k] += t * dy[k]
 
 
 @compiled(inline=True)

@@ -21,8 +21,8 @@ from dimersweep.kernel.contact.coordinates import (
     leading,
     same_chart,
     slip_of,
+    slip_speed,
 )
-from dimersweep.kernel.contact.events import slip_speed
 from dimersweep.kernel.contact.forces import (
     COMPLIANCE,
     F1,
