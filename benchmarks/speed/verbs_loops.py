@@ -122,7 +122,7 @@ def whole_chatter(dm, motion, ask, record):
     """Impacts and hops of one end until its chatter is closed; the number of impacts, 0 if something else happens first."""
     state, modes, course = motion.state, motion.modes, motion.course[0]
     for hop in range(1, MAX_HOPS):
-        energy = chatter.kinetic(dm, state)
+        energy = body.kinetic(dm, state)
         status, _ = event_loop.collide(dm, state, modes, ask.rtol, dm.v_scale, motion.work, record.log)
         course.slip_tol = smooth_motion.no_slip(dm, state, ask.rtol)
         if chatter.come_to_rest(dm, contact_of(dm, motion), state, ask.close, 1.0 * hop, energy) >= 0.0:

@@ -18,16 +18,8 @@ from dimersweep.kernel.contact.coordinates import Y, contact_state
 from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, double_forces, put_forces
 from dimersweep.kernel.impact.impact import apply_impulse
-from dimersweep.kernel.model.body import (
-    attitude,
-    contact_velocity,
-    delassus,
-    end,
-    extent,
-    kinetic,
-    level_levers,
-    levers,
-)
+from dimersweep.kernel.model import body
+from dimersweep.kernel.model.body import attitude, contact_velocity, delassus, end, levers
 from dimersweep.kernel.model.friction import slip_force
 from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, N_STATE, SLIP, SPIN, WB, WP
 from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound, tempo
@@ -71,7 +63,7 @@ def rest_of_chatter(dm, c, state, i, faint, tol):
 @compiled
 def stays_open(dm, state, j, time):
     """Whether end j certainly stays off the plate for so long."""
-    _, far = extent(dm)
+    _, far = body.extent(dm)
     fall = heaviest(dm) + far * (state[WB] ** 2 + state[WP] ** 2 + state[SPIN] ** 2)
     return state[D1 + j] + time * (state[N1 + j] - fall * time) >= 0.0
 
@@ -161,7 +153,7 @@ def close(dm, c, state, tol, energy):
     else:
         close_one(dm, c, state, 0 if c.modes[0] != FREE else 1)
     limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * speed_bound(dm) ** 2)
-    gains = kinetic(dm, state) > limit
+    gains = body.kinetic(dm, state) > limit
     drives = (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
     if (not gains and not drives) or max(before[N1], before[N2]) <= FLOOR * dm.v_scale:
         return True
@@ -201,7 +193,7 @@ def close_both(dm, c, state):
     """Cancel both gap rates by impulses with the friction of the contact modes, which go into c.F."""
     F = c.F
     double_forces(dm, c.modes, c.y, (state[N1], state[N2], 0.0, 0.0), F)
-    p, q = level_levers(dm)
+    p, q = body.level_levers(dm)
     apply_impulse(dm, state, p, F[F1], F[A1], F[L1])
     apply_impulse(dm, state, q, F[F2], F[A2], F[L2])
     state[N1], state[N2] = 0.0, 0.0

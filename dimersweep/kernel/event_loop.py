@@ -2,61 +2,19 @@
 
 from math import isfinite, sqrt
 
+from dimersweep.kernel import smooth_motion
 from dimersweep.kernel.chatter import come_to_rest, note_close
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.contact import events
 from dimersweep.kernel.contact.contact_mode import INCONSISTENT
-from dimersweep.kernel.contact.events import (
-    JAM,
-    LANDING,
-    NO_EVENT,
-    OUT_OF_STEPS,
-    end_of,
-    is_failure,
-    is_hold_lost,
-    is_lift_off,
-    is_slip_end,
-)
+from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, begin_course, contact_of
 from dimersweep.kernel.energy import is_wanted, keep_phase, keep_struck
 from dimersweep.kernel.impact.impact import double_impact, single_impact
+from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.body import attitude, contact_velocity, kinetic, lift
 from dimersweep.kernel.model.contact_code import coded
-from dimersweep.kernel.model.layout import (
-    C_CHATTER_END,
-    C_END,
-    C_IMPACT,
-    C_LIFT_OFF,
-    C_SLIP,
-    C_START,
-    C_STICK,
-    CA,
-    CB,
-    CONTACT_STEPS,
-    D1,
-    D2,
-    DIP,
-    FREE,
-    IMPACT_STEPS,
-    JAMMED,
-    MAX_EVENTS,
-    N1,
-    N2,
-    N_STATE,
-    NOT_FINITE,
-    OK,
-    PERIOD,
-    PHASE,
-    RECORD_FULL,
-    ROOT_STEPS,
-    ROW_BETA0,
-    ROW_THETA0,
-    ROW_XDOT0,
-    SPIN,
-    STOPPED,
-    THETA,
-    WB,
-    WP,
-)
+from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, N1, N2, OK, PERIOD, PHASE, SPIN, THETA, WB, WP
 from dimersweep.kernel.model.plate import plate_rate, velocity_along
 from dimersweep.kernel.model.works import begin_tally
 from dimersweep.kernel.numerics.elementary import length
@@ -74,7 +32,7 @@ from dimersweep.kernel.record import (
     note_impact_phases,
     note_segment,
 )
-from dimersweep.kernel.smooth_motion import find_contact, move_to_next_event, no_slip, only_grazes, rests_for_good
+from dimersweep.kernel.smooth_motion import no_slip, rests_for_good
 from dimersweep.kernel.verdict.classify import stays_as_it_is
 from dimersweep.kernel.verdict.past import note_contact_modes, note_impact, note_landings
 from dimersweep.kernel.verdict.settling import note_period
@@ -103,7 +61,7 @@ def evolve(dm, ask, motion, record):
     status, at_rest : int, bool
         OK or the reason why the run could not go on; whether the dimer rests for good.
     """
-    begin_course(motion.course[0], coded(motion.modes[0], motion.modes[1]), C_START, record.counts[EVENT_COUNT])
+    begin_course(motion.course[0], coded(motion.modes[0], motion.modes[1]), layout.C_START, record.counts[EVENT_COUNT])
     set_bound(motion.meter, BUDGET + BUDGET_PER_PERIOD * ask.periods)
     tally = motion.work.course[0].tally
     tally.wanted = is_wanted(record.book)
@@ -112,7 +70,7 @@ def evolve(dm, ask, motion, record):
             break
         if motion.course[0].pending and not choose_contact(dm, ask, motion, record):
             continue
-        event = move_to_next_event(dm, ask, motion)
+        event = smooth_motion.move_to_next_event(dm, ask, motion)
         if tally.wanted:
             phase = record.counts[SEGMENT_ROWS] - 1
             keep_phase(record.book, phase, motion.state, motion.modes, motion.contact, motion.work)
@@ -135,7 +93,7 @@ def going_on(ask, motion):
 @compiled(inline=True)
 def why_over(meter):
     """Status of a run whose meter is over."""
-    return STOPPED if meter[0].stop else MAX_EVENTS
+    return layout.STOPPED if meter[0].stop else layout.MAX_EVENTS
 
 
 @compiled(inline=True)
@@ -160,15 +118,15 @@ def resolve_impact(dm, ask, motion, record):
     course.status = noted_impact(dm, ask, motion, record)
     if course.status != OK:
         return False
-    course.pending, course.event, course.cause, course.contact_before = True, NO_EVENT, C_IMPACT, 0.0
+    course.pending, course.event, course.cause, course.contact_before = True, NO_EVENT, layout.C_IMPACT, 0.0
     if is_kept(record):
-        copy(state, motion.before, N_STATE)
+        copy(state, motion.before, layout.N_STATE)
     hops = record.counts[EVENT_COUNT] - course.period_events
     charge_pair(motion)
     course.slip_tol = no_slip(dm, state, ask.rtol)
     course.hop_time = come_to_rest(dm, contact_of(dm, motion), state, ask.close, hops, energy)
     if course.hop_time >= 0.0:
-        course.cause = C_CHATTER_END
+        course.cause = layout.C_CHATTER_END
         if motion.work.course[0].tally.wanted:
             note_close(dm, motion.before, state, motion.forces, motion.work)
     return True
@@ -207,7 +165,7 @@ def collide(dm, state, modes, tol, fastest, work, log):
         return double_impact(dm, state, V, tol, modes, work, log)
     i = 0 if closed_1 else 1
     status, mode, rows = single_impact(dm, state, i, V, tol, work, log)
-    modes[0], modes[1] = FREE, FREE
+    modes[0], modes[1] = layout.FREE, layout.FREE
     modes[i] = mode
     return status, rows
 
@@ -233,21 +191,21 @@ def choose_contact(dm, ask, motion, record):
     state, modes, course = motion.state, motion.modes, motion.course[0]
     course.slip_tol = no_slip(dm, state, ask.rtol)
     charge_pair(motion)
-    if find_contact(dm, contact_of(dm, motion), state, course.event) == INCONSISTENT:
+    if smooth_motion.find_contact(dm, contact_of(dm, motion), state, course.event) == INCONSISTENT:
         course.forced += 1
         if course.forced > MOST_FORCED:
-            course.status = JAMMED
+            course.status = layout.JAMMED
         else:
             force_impact(dm, state)
         return False
     course.forced, course.pending, course.contact_is_set = 0, False, True
     before, after = course.contact_before, coded(modes[0], modes[1])
-    if course.cause == C_CHATTER_END:
+    if course.cause == layout.C_CHATTER_END:
         row = record.counts[EVENT_ROWS]
         keep_struck(record.book, row, row + 1, record.counts[SEGMENT_ROWS], motion.work.rows)
     note_contact(dm, record, state, modes, course.cause, before, after, course.hop_time, motion.before)
     if is_kept(record) and is_full(record):
-        course.status = RECORD_FULL
+        course.status = layout.RECORD_FULL
         return False
     note_contact_modes(dm, motion.past[0], state, modes)
     return True
@@ -267,19 +225,25 @@ def charge_pair(motion):
 def follow_up(dm, ask, motion, record, event):
     """What an event leads to: an impact, the next forcing period, a new contact, or nothing."""
     course = motion.course[0]
-    if is_failure(event):
-        course.status = CONTACT_STEPS if event == OUT_OF_STEPS else ROOT_STEPS
+    if events.is_failure(event):
+        course.status = layout.CONTACT_STEPS if event == events.OUT_OF_STEPS else layout.ROOT_STEPS
     elif event == NO_EVENT:
         end_period(dm, ask, motion, record)
     else:
         record.counts[EVENT_COUNT] += 1
-        if event == JAM:  # the force of a slip grows beyond all bounds: an impact without collision follows
+        if event == events.JAM:  # the force of a slip grows beyond all bounds: an impact without collision follows
             force_impact(dm, motion.state)
-        elif not (is_lift_off(event) and only_grazes(dm, contact_of(dm, motion), end_of(event))):
+        elif not (
+            events.is_lift_off(event) and smooth_motion.only_grazes(dm, contact_of(dm, motion), events.end_of(event))
+        ):
             course.pending = True
             course.event = event
-            if event != LANDING:
-                course.cause = C_STICK if is_slip_end(event) else (C_SLIP if is_hold_lost(event) else C_LIFT_OFF)
+            if event != events.LANDING:
+                course.cause = (
+                    layout.C_STICK
+                    if events.is_slip_end(event)
+                    else (layout.C_SLIP if events.is_hold_lost(event) else layout.C_LIFT_OFF)
+                )
 
 
 @compiled(inline=True)
@@ -290,7 +254,7 @@ def end_period(dm, ask, motion, record):
     state[PERIOD] += 1.0
     course.period_events = record.counts[EVENT_COUNT]
     if not isfinite(state[DIP] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
-        course.status = NOT_FINITE
+        course.status = layout.NOT_FINITE
         return
     note_period(dm, state, modes, motion.past[0])
     note_segment(record, state, modes, 0.0, state)
@@ -308,15 +272,15 @@ def start_state(dm, row, state):
     """The start of a run: the lower end at gap0 over the plate, the rod at beta0 along the heading theta0 (Y where that is
     zero), the rates of x1, y1, beta, theta, gamma as the row has them, that of z1 zero, all in the room.
     """
-    theta0, ydot0, betadot0, thetadot0, gammadot0, gap0 = row[ROW_THETA0:]
-    for k in range(N_STATE):
+    theta0, ydot0, betadot0, thetadot0, gammadot0, gap0 = row[layout.ROW_THETA0 :]
+    for k in range(layout.N_STATE):
         state[k] = 0.0
-    state[DIP], state[THETA] = row[ROW_BETA0] - dm.beta_0, theta0
+    state[DIP], state[THETA] = row[layout.ROW_BETA0] - dm.beta_0, theta0
     rise = dm.l * lift(dm, state[DIP])
     state[D1], state[D2] = max(0.0, -rise) + gap0, max(0.0, rise) + gap0
     state[N1] = state[N2] = -plate_rate(dm, dm.phi0)
     v_x, v_y = velocity_along(dm, dm.phi0)
-    v_x, v_y = row[ROW_XDOT0] - v_x, -(v_y - ydot0)  # -0.0 where both are zero, as ever
+    v_x, v_y = row[layout.ROW_XDOT0] - v_x, -(v_y - ydot0)  # -0.0 where both are zero, as ever
     sin_t, cos_t = sincos(theta0)
     state[CA], state[CB] = v_y * cos_t - v_x * sin_t, v_x * cos_t + v_y * sin_t
     if betadot0 != 0.0 or thetadot0 != 0.0 or gammadot0 != 0.0:  # about the centre of ball 1, whose velocity is kept
@@ -332,10 +296,10 @@ def finish(dm, motion, record):
     """The last row of the record; see `evolve`."""
     state, modes, course = motion.state, motion.modes, motion.course[0]
     if course.status != OK:
-        out_of_steps = course.status == CONTACT_STEPS or course.status == IMPACT_STEPS
+        out_of_steps = course.status == layout.CONTACT_STEPS or course.status == layout.IMPACT_STEPS
         return why_over(motion.meter) if out_of_steps and is_over(motion.meter) else course.status, False
-    note_event(dm, record, state, C_END, course.contact_before, coded(modes[0], modes[1]))
+    note_event(dm, record, state, layout.C_END, course.contact_before, coded(modes[0], modes[1]))
     note_segment(record, state, modes, 0.0, state)
     if is_kept(record) and is_full(record):
-        return RECORD_FULL, False
+        return layout.RECORD_FULL, False
     return OK, rests_for_good(dm, motion)

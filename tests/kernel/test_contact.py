@@ -8,10 +8,11 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from dimersweep import simulate
-from dimersweep.kernel.contact.contact_mode import CLOSED, INCONSISTENT, PAIR_SPEED, SEPARATES
+from dimersweep.kernel.contact.contact_mode import CLOSED, INCONSISTENT, SEPARATES
 from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, N_Y, Y
 from dimersweep.kernel.contact.events import HOLD_LOST, JAM, LANDING, LIFT_OFF, NO_EVENT, SLIP_END
 from dimersweep.kernel.contact.forces import A1, COMPLIANCE, F1, F2, L1, L2, N_F
+from dimersweep.kernel.contact.slip_onset import PAIR_SPEED
 from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, FREE, N1, N2, N_STATE, SLIP, SPIN, STICK, WB, WP
 from tests.checks.verbs import (
     contact_mode,

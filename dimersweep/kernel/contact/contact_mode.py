@@ -7,25 +7,11 @@ friction can hold it. A mode fits if the forces that go with it do.
 from math import copysign
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import (
-    Y,
-    change_of_slip,
-    give_impulses,
-    leading,
-    put_slip,
-    put_slips,
-    slip_limit,
-)
+from dimersweep.kernel.contact import coordinates, slip_onset
+from dimersweep.kernel.contact.coordinates import Y, leading, put_slip, put_slips
 from dimersweep.kernel.contact.events import end_of, is_hold_lost, is_lift_off
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve, take_rates
-from dimersweep.kernel.contact.slip_onset import (
-    PAIR_SPEED,
-    SINGLE_SPEED,
-    pair_onset,
-    rates_of_pair,
-    rates_of_slip,
-    slip_onset,
-)
+from dimersweep.kernel.contact.slip_onset import SINGLE_SPEED, pair_onset
 from dimersweep.kernel.model.body import apart_sideways, extent
 from dimersweep.kernel.model.friction import axial_left_of_pair, hold_left, lateral_at_limit
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
@@ -100,7 +86,7 @@ def force_later(dm, c, i):
     """
     y = c.y
     dip, w_b, w_p, spin, u_a, u_b, theta = y[Y.dip], y[Y.w_b], y[Y.w_p], y[Y.spin], y[Y.u_a], y[Y.u_b], y[Y.theta]
-    t = min(MOMENT / dm.omega, 0.5 * slip_limit(dm, c.modes, y, c.dy))
+    t = min(MOMENT / dm.omega, 0.5 * coordinates.slip_limit(dm, c.modes, y, c.dy))
     for k in range(Y.time):
         y[k] += t * c.dy[k]
     if u_a == 0.0 and u_b == 0.0:  # an end that sticks, or one that is asked of without friction
@@ -179,7 +165,7 @@ def start_slips(dm, c):
 def slip_together(dm, c, b_1, b_2):
     """Both ends slip out of rest, near the direction of the accelerations which they have with the lateral slips b_1, b_2."""
     c.modes[0], c.modes[1] = SLIP, SLIP
-    a, a_1, a_2 = rates_of_pair(dm, c, 0.0, b_1, b_2)
+    a, a_1, a_2 = slip_onset.rates_of_pair(dm, c, 0.0, b_1, b_2)
     if abs(a) > AT_LIMIT * max(abs(a_1), abs(a_2)):
         pair_onset(dm, c, copysign(1.0, a), a_1 / a, a_2 / a)
 
@@ -193,8 +179,8 @@ def start_beside(dm, c, i):
     u_a, u_b, w_p = y[Y.u_a], y[Y.u_b], y[Y.w_p]
     start_slip(dm, c, i)
     take_rates(dm, c)
-    v, along, _ = change_of_slip(dm, modes, y, c.dy, 1 - i)
-    if along >= 0.0 or v > 2.0 * PAIR_SPEED * c.slip_tol:
+    v, along, _ = coordinates.change_of_slip(dm, modes, y, c.dy, 1 - i)
+    if along >= 0.0 or v > 2.0 * slip_onset.PAIR_SPEED * c.slip_tol:
         return
     modes[0], modes[1] = STICK, STICK
     put_slips(dm, y, 0.0, 0.0, 0.0)
@@ -218,9 +204,9 @@ def start_slip(dm, c, i):
     hold_b = c.F[L1] if i == 0 else c.F[L2]
     small, hold = SINGLE_SPEED * c.slip_tol, length(hold_a, hold_b)
     c.modes[i] = SLIP
-    if slip_onset(dm, c, i, hold_a, hold_b):
+    if slip_onset.slip_onset(dm, c, i, hold_a, hold_b):
         return True
-    a, b = rates_of_slip(dm, c, i, -small * hold_a / hold, -small * hold_b / hold)
+    a, b = slip_onset.rates_of_slip(dm, c, i, -small * hold_a / hold, -small * hold_b / hold)
     return a * hold_a + b * hold_b <= AT_LIMIT * dm.g * hold
 
 
@@ -259,7 +245,7 @@ def contact_mode(dm, c, closed_1, closed_2, event):
         r, h = extent(dm)
         size = abs(y[Y.u_a]) + abs(u_b) + r * abs(y[Y.spin]) + h * (abs(y[Y.w_b]) + abs(w_p))
         if abs(y[Y.u_b] - u_b) + h * abs(y[Y.w_p] - w_p) > ROUNDED_SLIP * size:
-            give_impulses(dm, c.modes, y, u_b, w_p)
+            coordinates.give_impulses(dm, c.modes, y, u_b, w_p)
     return answer
 
 

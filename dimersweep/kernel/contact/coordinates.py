@@ -11,36 +11,9 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import (
-    apart_sideways,
-    attitude,
-    delassus,
-    end,
-    lateral_impulses,
-    level_levers,
-    levers,
-    lift,
-    turn_of_pair,
-)
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    D2,
-    DIP,
-    FREE,
-    GAMMA,
-    N1,
-    N2,
-    SLIP,
-    SPIN,
-    STICK,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
-)
+from dimersweep.kernel.model import body, layout
+from dimersweep.kernel.model.body import apart_sideways, attitude, end, levers, turn_of_pair
+from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, FREE, N1, N2, SLIP, SPIN, STICK, THETA, WB, WP, X1, Y1
 from dimersweep.kernel.model.works import N_CONTACT_WORK
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import sincos
@@ -96,7 +69,7 @@ def contact_state(dm, state, i, y):
     y[Y.dip], y[Y.w_b], y[Y.w_p], y[Y.spin] = state[DIP], state[WB], state[WP], state[SPIN]
     y[Y.u_a] = state[CA] + lv.a * state[WB]
     y[Y.u_b] = state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
-    y[Y.theta], y[Y.x], y[Y.y], y[Y.gamma] = state[THETA], state[X1], state[Y1], state[GAMMA]
+    y[Y.theta], y[Y.x], y[Y.y], y[Y.gamma] = state[THETA], state[X1], state[Y1], state[layout.GAMMA]
     y[Y.time] = 0.0
     y[Y.chart], y[Y.axes] = BY_HEADING, 0.0
     if abs(dm.beta_0 + y[Y.dip]) > STEEP:
@@ -113,8 +86,8 @@ def kernel_state(dm, modes, y, state):
     state[DIP], state[WB], state[WP], state[SPIN] = dip, w_b, w_p, y[Y.spin]
     state[CA] = u_a - lv.a * w_b
     state[CB] = u_b - lv.b * w_p - lv.c * y[Y.spin]
-    state[THETA], state[X1], state[Y1], state[GAMMA] = theta, x, y_1, gamma
-    gap, rate = dm.l * lift(dm, dip), dm.l * cos_b * w_b
+    state[THETA], state[X1], state[Y1], state[layout.GAMMA] = theta, x, y_1, gamma
+    gap, rate = dm.l * body.lift(dm, dip), dm.l * cos_b * w_b
     state[D1] = 0.0 if modes[0] != FREE else -gap
     state[N1] = 0.0 if modes[0] != FREE else -rate
     state[D2] = 0.0 if modes[1] != FREE else gap
@@ -200,14 +173,16 @@ def give_impulses(dm, modes, y, u_b, w_p):
     b = y[Y.u_b]
     if modes[0] != FREE and modes[1] != FREE:
         apart = apart_sideways(dm, y[Y.w_p], y[Y.spin])
-        B_1, B_2 = lateral_impulses(dm, dm.m * (b - u_b), dm.m * (b - apart - u_b + apart_sideways(dm, w_p, y[Y.spin])))
-        p, q = level_levers(dm)
+        B_1, B_2 = body.lateral_impulses(
+            dm, dm.m * (b - u_b), dm.m * (b - apart - u_b + apart_sideways(dm, w_p, y[Y.spin]))
+        )
+        p, q = body.level_levers(dm)
         y[Y.spin] += (p.c * B_1 + q.c * B_2) * dm.ia
         y[Y.w_p] = turn_of_pair(dm, apart, y[Y.spin])
     elif y[Y.chart] == BY_HEADING:
         sin_b, cos_b = attitude(dm, y[Y.dip])
         lv = levers(end(dm, leading(modes)), sin_b, cos_b)
-        impulse = (b - u_b) / delassus(dm, lv, lv).bb
+        impulse = (b - u_b) / body.delassus(dm, lv, lv).bb
         y[Y.w_p] = w_p + lv.b * dm.it * impulse
         y[Y.spin] += lv.c * dm.ia * impulse
 

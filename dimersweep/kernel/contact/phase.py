@@ -3,52 +3,11 @@
 from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import (
-    N_CLOSED,
-    N_PATH,
-    N_WORKED,
-    N_Y,
-    UPRIGHT,
-    Y,
-    change_chart,
-    change_of_slip,
-    leading,
-    set_slip,
-    slip_limit,
-    slip_of,
-    slip_speed,
-)
-from dimersweep.kernel.contact.events import (
-    GOES_ON,
-    JAM,
-    LANDING,
-    LEAVES_CHART,
-    LIFT_OFF,
-    N_CONTACT_EVENTS,
-    NO_EVENT,
-    OUT_OF_STEPS,
-    SLIP_END,
-    arm_events,
-    end_of,
-    first_crossing,
-    hidden_dip,
-    is_slip_end,
-    least_value,
-    low_between,
-    motion_rate,
-)
+from dimersweep.kernel.contact import coordinates, events, step_control
+from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, Y, set_slip, slip_of
+from dimersweep.kernel.contact.events import GOES_ON, JAM, LANDING, OUT_OF_STEPS, least_value, motion_rate
 from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, N_F, contact_rates
-from dimersweep.kernel.contact.step_control import (
-    IMPLICIT,
-    PLAIN_METHOD,
-    RESCALED,
-    TIGHT,
-    Phase,
-    begin_at,
-    step_arrays,
-    step_to,
-    stiffness,
-)
+from dimersweep.kernel.contact.step_control import IMPLICIT, PLAIN_METHOD, RESCALED, TIGHT, Phase, stiffness
 from dimersweep.kernel.contact.works import settle_works, works_to_slip_end
 from dimersweep.kernel.model.body import TWO_PI, end
 from dimersweep.kernel.model.layout import FREE, SLIP
@@ -88,18 +47,24 @@ def sustain_contact(dm, c, span, path, tol, locate, work):
     `path` says whether x1, y1 and gamma are wanted; they are where works are. Returns the time integrated [s], and the number
     of the event (JAM also where no step is short enough), NO_EVENT if the span is over, or OUT_OF_STEPS, also if the meter is.
     """
-    t, n, b, control, bracket = 0.0, N_PATH if path else N_CLOSED, step_arrays(work), work.control[0], work.bracket[0]
+    t, n, b, control, bracket = (
+        0.0,
+        N_PATH if path else N_CLOSED,
+        step_control.step_arrays(work),
+        work.control[0],
+        work.bracket[0],
+    )
     if work.course[0].tally.wanted:
-        n = N_WORKED
+        n = coordinates.N_WORKED
     for _ in range(MAX_CHARTS):
         phase = c.phase + dm.omega * t
         p = Phase(dm, c.modes, phase, span - t, tol, c.slip_tol, n, locate, b, control, bracket, work.meter)
         event = sustain_in_chart(p, c.y)
-        copy(p.b.start.y, c.y, N_Y)
+        copy(p.b.start.y, c.y, coordinates.N_Y)
         t += p.control.time
-        if event != LEAVES_CHART:
+        if event != events.LEAVES_CHART:
             return t, event
-        change_chart(dm, end(dm, leading(c.modes)).s, c.y)
+        coordinates.change_chart(dm, end(dm, coordinates.leading(c.modes)).s, c.y)
     return t, OUT_OF_STEPS
 
 
@@ -122,13 +87,13 @@ def sustain_in_chart(p, y):
 def begin_phase(p, y):
     """The rates at the start, the event functions that are positive there, and first guesses of the steps."""
     b, c = p.b, p.control
-    begin_at(p, y)
-    for k in range(N_CONTACT_EVENTS):
+    step_control.begin_at(p, y)
+    for k in range(events.N_CONTACT_EVENTS):
         b.armed[k] = 0.0
     if p.modes[0] == FREE or p.modes[1] == FREE:
-        b.armed[LANDING], b.armed[LEAVES_CHART] = 1.0 if p.locate else 0.0, 1.0
+        b.armed[LANDING], b.armed[events.LEAVES_CHART] = 1.0 if p.locate else 0.0, 1.0
     if p.locate:
-        arm_events(p, b.values[0])
+        events.arm_events(p, b.values[0])
     least_value(p, b.start, b.values[0])
     natural = eighth_root(p.tol)
     c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * p.dm.period, FIRST_RESCALED * natural
@@ -141,16 +106,16 @@ def step_on(p):
     """Take one step, or find that it has to be shorter; returns the event that ends the phase, or GOES_ON."""
     b, c, start, out = p.b, p.control, p.b.start, p.b.out
     if c.time >= p.span:
-        return NO_EVENT
+        return events.NO_EVENT
     start.y[Y.time] = 0.0
     c.stiffness = stiffness(p, max(start.F[F1], start.F[F2]))
     c.now = p.phase + p.dm.omega * c.time
-    c.speed, c.speed_rate = slip_speed(p.dm, p.modes, start.y, start.dy)
+    c.speed, c.speed_rate = coordinates.slip_speed(p.dm, p.modes, start.y, start.dy)
     event = end_slip_on_line(p)
     if event != GOES_ON:
         return event
     choose_step(p)
-    error = step_to(p, c.now, c.size)
+    error = step_control.step_to(p, c.now, c.size)
     factor = step_factor(error, 8.0)
     if not error <= 1.0 or (c.method == RESCALED and out.y[Y.time] > p.span - c.time):
         return shorten(p, 0.3 if error == inf else min(factor, 0.8))
@@ -174,7 +139,7 @@ def slip_about_to_end(p, span):
     dm, y = p.dm, p.b.start.y
     for i in range(2):
         if p.modes[i] == SLIP:
-            v, along, turning = change_of_slip(dm, p.modes, y, p.b.start.dy, i)
+            v, along, turning = coordinates.change_of_slip(dm, p.modes, y, p.b.start.dy, i)
             if along < 0.0:
                 across = abs(turning) * v / -along
                 time = v * v / -along
@@ -216,7 +181,7 @@ def end_slip_on_line(p):
             carry(p, t)
             set_slip(p.dm, p.modes, y, i, 0.0, 0.0)
             c.time += t
-            return SLIP_END + i
+            return events.SLIP_END + i
     return GOES_ON
 
 
@@ -235,7 +200,7 @@ def choose_step(p):
         h = min(h, 0.5 * FIRST_PHASE_STEP * c.natural * dm.period)
     if method != RESCALED:
         slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c.natural)))
-        h = min(h, min(slowing * slip_limit(dm, p.modes, start.y, start.dy), landing_in_sight(p)))
+        h = min(h, min(slowing * coordinates.slip_limit(dm, p.modes, start.y, start.dy), landing_in_sight(p)))
     if method == PLAIN_METHOD and gamma > 0.0:
         h = min(h, PHASE_TURNS * v / max(gamma, stiffness(p, 0.5 * dm.m * dm.g)))
     last = method != RESCALED and h >= left * (1.0 - 1e-12)
@@ -278,7 +243,7 @@ def landing_in_sight(p):
     modes, y = p.modes, p.b.start.y
     sign = 1.0 if modes[0] != FREE else -1.0
     gap, rate, fall = sign * y[Y.dip], sign * y[Y.w_b], sign * p.b.start.dy[Y.w_b]
-    if (modes[0] != FREE and modes[1] != FREE) or y[Y.chart] == UPRIGHT or gap < 0.0:
+    if (modes[0] != FREE and modes[1] != FREE) or y[Y.chart] == coordinates.UPRIGHT or gap < 0.0:
         return inf
     if gap == 0.0:  # it has just left: a step within its hop
         return -rate / fall if rate > 0.0 and fall < 0.0 else inf
@@ -308,7 +273,7 @@ def may_hide_event(p, least, event):
     if c.method == RESCALED:
         return False
     if p.locate and least > 0.0:
-        part = hidden_dip(p, c.h)
+        part = events.hidden_dip(p, c.h)
     if part < 1.0 or (least <= 0.0 and event == LANDING and p.b.start.y[Y.dip] == 0.0):
         c.h *= min(part, 0.5)
         return c.h > SHORTEST * p.dm.period
@@ -319,22 +284,22 @@ def may_hide_event(p, least, event):
 def stop_at_event(p, least, event):
     """Go to the first event in the step, and return it; GOES_ON if the step is to be taken again, or a slip only turns."""
     b, c, y = p.b, p.control, p.b.start.y
-    event = first_crossing(p, event, least)
+    event = events.first_crossing(p, event, least)
     if event == UNSOUND:
         return shorten(p, 0.5)
     if p.locate and c.method != RESCALED:
         least_value(p, b.out, b.values[3])
         dt = b.out.y[Y.time]
-        part = hidden_dip(p, dt) if low_between(p, motion_rate(p.dm, y) * dt) else 1.0
+        part = events.hidden_dip(p, dt) if events.low_between(p, motion_rate(p.dm, y) * dt) else 1.0
         if part < 1.0 and dt > SHORTEST * p.dm.period:
             c.h = part * dt
             return GOES_ON
     go_to_end(p)
     c.time += max(0.0, y[Y.time])
-    if not is_slip_end(event):
+    if not events.is_slip_end(event):
         return event
-    if length(*slip_of(p.dm, p.modes, y, end_of(event))) <= 4.0 * p.slip_tol:
-        set_slip(p.dm, p.modes, y, end_of(event), 0.0, 0.0)
+    if length(*slip_of(p.dm, p.modes, y, events.end_of(event))) <= 4.0 * p.slip_tol:
+        set_slip(p.dm, p.modes, y, events.end_of(event), 0.0, 0.0)
         return event
     c.h, c.xi = 0.5 * c.h, 0.5 * c.xi  # the slip has only turned by a right angle
     least_value(p, b.start, b.values[0])
@@ -359,11 +324,11 @@ def accept_step(p, factor):
     go_to_end(p)
     c.time = p.span if c.last else c.time + dt
     pulled = without_force(p)
-    if p.locate and pulled >= 0 and b.armed[LIFT_OFF + pulled] == 0.0:
-        return LIFT_OFF + pulled
-    copy(b.values[3], b.values[0], N_CONTACT_EVENTS)
+    if p.locate and pulled >= 0 and b.armed[events.LIFT_OFF + pulled] == 0.0:
+        return events.LIFT_OFF + pulled
+    copy(b.values[3], b.values[0], events.N_CONTACT_EVENTS)
     if p.locate:
-        arm_events(p, b.values[0])
+        events.arm_events(p, b.values[0])
     if c.method == RESCALED:
         c.xi, c.h = min(PHASE_TURNS, min(factor, RISE) * c.xi), 2.0 * dt
     else:

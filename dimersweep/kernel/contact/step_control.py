@@ -11,31 +11,9 @@ from math import inf, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.contact.coordinates import (
-    N_CLOSED,
-    N_PATH,
-    N_WORKED,
-    N_Y,
-    UPRIGHT,
-    Y,
-    leading,
-    same_chart,
-    slip_of,
-    slip_speed,
-)
-from dimersweep.kernel.contact.forces import (
-    COMPLIANCE,
-    F1,
-    F2,
-    Moment,
-    Rod,
-    path_rates,
-    phase_rates,
-    pull_at,
-    put_forces,
-    single_rates,
-    work_rates,
-)
+from dimersweep.kernel.contact import coordinates, forces
+from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, UPRIGHT, Y, leading, same_chart
+from dimersweep.kernel.contact.forces import F1, F2, Moment, phase_rates
 from dimersweep.kernel.model.body import attitude, end, extent
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.numerics.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
@@ -137,7 +115,7 @@ def step_arrays(work):
 @compiled
 def begin_at(p, y):
     """Have a phase start from a contact state: its tolerances and rates, and the chart, which all states of its steps share."""
-    copy(y, p.b.start.y, N_Y)
+    copy(y, p.b.start.y, coordinates.N_Y)
     same_chart(y, p.b.out.y)
     same_chart(y, p.b.probe.y)
     for j in range(NODES):
@@ -193,7 +171,7 @@ def ruling_slip(dm, modes, y):
     inverse = 0.0
     for i in range(2):
         if modes[i] == SLIP:
-            inverse += 1.0 / length(*slip_of(dm, modes, y, i))
+            inverse += 1.0 / length(*coordinates.slip_of(dm, modes, y, i))
     return 1.0 / inverse
 
 
@@ -205,7 +183,7 @@ def time_per_xi(step, v, force):
     product with the compliance, which is about what it would be without friction.
     """
     share, start = v / step.gamma, step.p.b.start.F
-    more = start[COMPLIANCE]
+    more = start[forces.COMPLIANCE]
     if more < TIGHT:
         share *= (1.0 + more) / (force / (start[F1] + start[F2]) + more)
     return share
@@ -235,9 +213,9 @@ def works_of_single(step, i, now, rod, rates, share):
     """Slopes of the works of a stage of the contact of one end."""
     p, y, F, dy = step.p, step.p.b.out.y, step.p.b.out.F, step.p.b.K[i]
     y[Y.u_a], y[Y.u_b], y[Y.theta] = rod.u_a, rod.u_b, rod.theta
-    put_forces(leading(p.modes), rates.F, rates.A, rates.L, rates.compliance, F)
-    work_rates(p.dm, p.modes, now, y, F, dy)
-    for j in range(N_PATH, N_WORKED):
+    forces.put_forces(leading(p.modes), rates.F, rates.A, rates.L, rates.compliance, F)
+    forces.work_rates(p.dm, p.modes, now, y, F, dy)
+    for j in range(N_PATH, coordinates.N_WORKED):
         dy[j] *= share
 
 
@@ -250,11 +228,11 @@ def slopes_of_single(step, i, *state):
     t = xi_time if rescaled else step.h * DOP_C[i]
     now = step.phase + dm.omega * t
     sin_b, cos_b = attitude(dm, dip)
-    rod = Rod(sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
-    rates = single_rates(dm, step.p.modes[number], p, rod, pull_at(dm, now, theta))
+    rod = forces.Rod(sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta)
+    rates = forces.single_rates(dm, step.p.modes[number], p, rod, forces.pull_at(dm, now, theta))
     share = time_per_xi(step, length(u_a, u_b), rates.F) if rescaled else 1.0
     if n > N_CLOSED:
-        x, y_1, spun = path_rates(dm, p, rod)
+        x, y_1, spun = forces.path_rates(dm, p, rod)
         k = step.p.b.K[i]
         k[Y.x], k[Y.y], k[Y.gamma] = share * x, share * y_1, share * spun
     if n > N_PATH:
@@ -310,7 +288,7 @@ def turn_slopes(step, j):
     """Derivatives of the slopes at node j with respect to the turns, by forward differences, into b.J; returns how many."""
     p, b, probe = step.p, step.p.b, step.p.b.probe
     y, f = b.Y[j], b.K[j]
-    v, _ = slip_speed(p.dm, p.modes, y, y)
+    v, _ = coordinates.slip_speed(p.dm, p.modes, y, y)
     m = set_turns(p, j)
     for i in range(m):
         turn = b.B[j * m + i]
