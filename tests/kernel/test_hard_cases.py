@@ -22,8 +22,6 @@ from dimersweep.kernel.model.layout import (
     C_LIFT_OFF,
     C_SLIP,
     C_STICK,
-    CA,
-    CB,
     D1,
     D2,
     DIP,
@@ -38,7 +36,7 @@ from dimersweep.kernel.model.layout import (
     SPIN,
     THETA,
     WB,
-    WP,
+    State,
 )
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from tests import oracle
@@ -65,17 +63,11 @@ def honest(rtol, periods, **parameters):
     return look
 
 
-def lifted(dm, beta, height, **rates):
+def lifted(dm, beta, height, c_n=0.0, **rates):
     """A free state: p1 at a height above the plate, the rod at an angle; `rates` by the names of the slots."""
-    state = np.zeros(N_STATE)
-    state[DIP], state[D1], state[D2] = beta, height, height + dm.l * sin(beta)
-    slots = {"wb": WB, "wp": WP, "spin": SPIN, "ca": CA, "cb": CB, "theta": THETA}
-    for name, value in rates.items():
-        if name != "c_n":
-            state[slots[name]] = value
-    spread = dm.p2.h * cos(beta) * state[WB]
-    state[N1], state[N2] = rates.get("c_n", 0.0) - spread, rates.get("c_n", 0.0) + spread
-    return state
+    spread = dm.p2.h * cos(beta) * rates.get("wb", 0.0)
+    gaps = {"d1": height, "d2": height + dm.l * sin(beta), "n1": c_n - spread, "n2": c_n + spread}
+    return np.array(State(dip=beta, **gaps, **rates))
 
 
 def standing(dm, beta, **rates):
@@ -158,22 +150,19 @@ def test_without_loss_every_impact_keeps_the_energy(rtol):
     row = row_of(e=1.0, mu=0.0, Gamma=0.3, beta0=0.7)
     dm = dimer_of(row)
     run = launched(row, lifted(dm, 0.7, 2e-3, wb=3.0, spin=40.0), 20, rtol)
-    state = run.segments[:, :N_STATE]
-    before, after = flight_ends(row, run)
+    _, before, after = flights(row, run)
     old, new = kinetic(dm, before), kinetic(dm, after)
-    assert len(state) > 20
+    assert len(run.segments) > 20
     np.testing.assert_allclose(new, old, rtol=0, atol=(1e-13 + 1e-2 * rtol) * max(old.max(), new.max()))
 
 
-def flight_ends(row, run):
-    """States just before and just after each end of a flight that is an impact."""
+def flights(row, run):
+    """States at the start of each flight that ends with an impact, and just before and just after that."""
     free = (run.segments[:-1, SEGMENT_MODES:SEGMENT_HOP_TIME] == FREE).all(1)
     times = run.segments[:, PERIOD] + run.segments[:, PHASE] / (2 * pi)
-    span = 2 * pi * np.diff(times)
-    struck = free & (span > 0) & (run.segments[1:, PHASE] > 0.0)
-    starts = run.segments[:-1][struck]
-    phases = run.segments[1:][struck][:, PHASE, None]
-    return states_at(row, starts, phases, run.rtol)[:, 0], run.segments[1:][struck][:, :N_STATE]
+    struck = free & (np.diff(times) > 0) & (run.segments[1:, PHASE] > 0.0)
+    starts, after = run.segments[:-1][struck], run.segments[1:][struck][:, :N_STATE]
+    return starts[:, :N_STATE], states_at(row, starts, after[:, PHASE, None], run.rtol)[:, 0], after
 
 
 @accuracies
@@ -182,14 +171,17 @@ def test_on_a_smooth_plate_nothing_pushes_sideways(rtol):
     row = row_of(mu=0.0, mu_s=0.0, Gamma=1.2, beta0=0.5)
     dm = dimer_of(row)
     run = launched(row, lifted(dm, 0.5, 1e-3, ca=0.3, cb=0.7, spin=100.0, wp=2.0), 20, rtol)
-    s = run.segments.T
-    x_rate = s[CB] * np.cos(s[THETA]) - s[CA] * np.sin(s[THETA])
-    y_rate = s[CA] * np.cos(s[THETA]) + s[CB] * np.sin(s[THETA])
-    np.testing.assert_allclose(x_rate, 0.7, atol=10 * rtol)
-    np.testing.assert_allclose(y_rate, 0.3, atol=10 * rtol)
-    np.testing.assert_allclose(s[SPIN], 100.0, rtol=10 * rtol)
-    up = dm.J_t * s[WP] * np.cos(s[DIP]) + dm.J_a * s[SPIN] * np.sin(s[DIP])
+    s = State(*run.segments.T[:N_STATE])
+    np.testing.assert_allclose(s.cb * np.cos(s.theta) - s.ca * np.sin(s.theta), 0.7, atol=10 * rtol)
+    np.testing.assert_allclose(s.ca * np.cos(s.theta) + s.cb * np.sin(s.theta), 0.3, atol=10 * rtol)
+    np.testing.assert_allclose(s.spin, 100.0, rtol=10 * rtol)
+    up = upright_moment(dm, s)
     np.testing.assert_allclose(up, up[0], rtol=0, atol=10 * rtol * abs(up[0]))
+
+
+def upright_moment(dm, s):
+    """Vertical angular momentum about the centre of mass."""
+    return dm.J_t * s.wp * np.cos(s.dip) + dm.J_a * s.spin * np.sin(s.dip)
 
 
 @accuracies
@@ -347,7 +339,7 @@ def test_a_chatter_that_ends_when_the_other_end_lands(rtol):
     dm = dimer_of(row)
 
     def bounce(speed):
-        run = launched(row, standing_bounce(dm, 0.05, speed), 1, rtol)
+        run = launched(row, lifted(dm, 0.05, 0.0, c_n=speed), 1, rtol)  # p1 leaves the plate, the rod not turning
         ends = [digits_of(int(kind)) for kind in run.column("kind")]
         landed = [k for k, (_, b) in enumerate(ends) if b > SLIP]
         closed = np.flatnonzero(causes(run) == C_CHATTER_END)
@@ -360,11 +352,6 @@ def test_a_chatter_that_ends_when_the_other_end_lands(rtol):
         mid = 0.5 * (low + high)
         low, high = (mid, high) if bounce(mid) else (low, mid)
     assert high - low < 1e-15
-
-
-def standing_bounce(dm, beta, speed):
-    """p1 leaves the plate with some speed, the rod not turning."""
-    return lifted(dm, beta, 0.0, c_n=speed)
 
 
 # --- fast spin, vertical rods -------------------------------------------------------------------------------------------
@@ -431,8 +418,7 @@ def test_a_spinning_top_on_a_smooth_plate_passes_near_the_vertical(rtol):
     dm = dimer_of(row)
     state = standing(dm, 1.2, wb=45.0, wp=0.02, spin=1.0)
     run = launched(row, state, 1, rtol)
-    s = run.segments.T
-    up = dm.J_t * s[WP] * np.cos(s[DIP]) + dm.J_a * s[SPIN] * np.sin(s[DIP])
+    up = upright_moment(dm, State(*run.segments.T[:N_STATE]))
     np.testing.assert_allclose(up, up[0], rtol=0, atol=1e2 * rtol * dm.J_t * 45.0)
     assert run.look()["dip"] > 1.55
 
@@ -456,8 +442,7 @@ def test_a_tumbling_dimer_is_a_free_top(rtol):
     row = row_of(Gamma=20.0, f=8.0, A_r=2.5, e=0.8, mu=0.4, mu_s=0.5, beta0=0.4)
     dm = dimer_of(row)
     run = launched(row, lifted(dm, 0.4, 0.3, wb=60.0, wp=3.0, spin=5.0, cb=0.5), 40, rtol)
-    before, _ = flight_ends(row, run)
-    starts = flight_starts(run)
+    starts, before, _ = flights(row, run)
     over = 0
     for start, end in zip(starts, before, strict=True):
         span = (end[PHASE] - start[PHASE]) / dm.omega
@@ -471,21 +456,14 @@ def test_a_tumbling_dimer_is_a_free_top(rtol):
     assert np.abs(before[:, DIP]).max() < 0.5 * pi
 
 
-def flight_starts(run):
-    """The starts of the flights that `flight_ends` follows."""
-    times = run.segments[:, PERIOD] + run.segments[:, PHASE] / (2 * pi)
-    free = (run.segments[:-1, SEGMENT_MODES:SEGMENT_HOP_TIME] == FREE).all(1)
-    struck = free & (np.diff(times) > 0) & (run.segments[1:, PHASE] > 0.0)
-    return run.segments[:-1][struck][:, :N_STATE]
-
-
 def vectors(dm, state):
     """Axis, horizontal velocity of the centre, and angular momentum over J_t, in the lab's frame."""
-    s_t, c_t, s_b, c_b = sin(state[THETA]), cos(state[THETA]), sin(state[DIP]), cos(state[DIP])
+    s = State(*state)
+    s_t, c_t, s_b, c_b = sin(s.theta), cos(s.theta), sin(s.dip), cos(s.dip)
     a, b, n = np.array([-s_t, c_t, 0.0]), np.array([c_t, s_t, 0.0]), np.array([0.0, 0.0, 1.0])
-    axial = dm.J_a / dm.J_t * state[SPIN]
-    L = (c_b * axial - s_b * state[WP]) * a + state[WB] * b + (c_b * state[WP] + s_b * axial) * n
-    return c_b * a + s_b * n, state[CA] * a + state[CB] * b, L
+    axial = dm.J_a / dm.J_t * s.spin
+    L = (c_b * axial - s_b * s.wp) * a + s.wb * b + (c_b * s.wp + s_b * axial) * n
+    return c_b * a + s_b * n, s.ca * a + s.cb * b, L
 
 
 @accuracies
