@@ -211,8 +211,9 @@ def start_slip(dm, c, i):
 
 
 @compiled
-def lead_with(dm, c, i, u_a, u_b, w_p):
-    """Have c.y hold the slip of end i, with both on the plate, where p1 slips by (u_a, u_b) and theta' cos(beta) is w_p."""
+def lead_with(dm, c, i, slip):
+    """Have c.y hold the slip of end i, with both on the plate, where `slip` is that of p1 and theta' cos(beta)."""
+    u_a, u_b, w_p = slip
     c.y[Y.u_a], c.y[Y.w_p] = u_a, w_p
     c.y[Y.u_b] = u_b - i * apart_sideways(dm, w_p, c.y[Y.spin])
 
@@ -252,7 +253,7 @@ def contact_mode(dm, c, closed_1, closed_2, event):
 @compiled
 def mode_of_pair(dm, c, event):
     """`contact_mode` with both ends on the plate."""
-    u_a, u_b, w_p = c.y[Y.u_a], c.y[Y.u_b], c.y[Y.w_p]
+    slip = c.y[Y.u_a], c.y[Y.u_b], c.y[Y.w_p]
     double_mode(dm, c, is_hold_lost(event))
     held = c.modes[0] == STICK and c.modes[1] == STICK
     on_1, on_2 = is_compressive(dm, c, 0), is_compressive(dm, c, 1)
@@ -266,27 +267,27 @@ def mode_of_pair(dm, c, event):
         return CLOSED
     elif not on_1 and not on_2 and is_driven_in(dm, c, 0):
         stays = 0
-    answer = mode_of_one(dm, c, stays, u_a, u_b, w_p)
+    answer = mode_of_one(dm, c, stays, slip)
     if held and answer == CLOSED and (1.0 - 2.0 * leading(c.modes)) * c.dy[Y.w_b] * dm.l < -NO_FORCE * dm.g:
         # two could be held, but for the pull of one, which is driven in beside the other one alone: both slip
-        lead_with(dm, c, 0, u_a, u_b, w_p)
+        lead_with(dm, c, 0, slip)
         slip_together(dm, c, 0.0, 0.0)
         take_rates(dm, c)
         if is_compressive(dm, c, 0) and is_compressive(dm, c, 1):
             return CLOSED
-        answer = mode_of_one(dm, c, stays, u_a, u_b, w_p)
+        answer = mode_of_one(dm, c, stays, slip)
     return answer
 
 
 @compiled
-def mode_of_one(dm, c, stays, u_a, u_b, w_p):
-    """`single_mode` of one of two ends on the plate, of which p1 slips by (u_a, u_b): of the end that stays, or the other one.
+def mode_of_one(dm, c, stays, slip):
+    """`single_mode` of one of two ends on the plate, with the slip of `lead_with`: of the end that stays, or the other one.
 
     A hold that was lost was that of both.
     """
-    lead_with(dm, c, stays, u_a, u_b, w_p)
+    lead_with(dm, c, stays, slip)
     answer = single_mode(dm, c, stays, False)
     if answer == SEPARATES:  # friction at both ends may have driven off one that nothing drives off alone
-        lead_with(dm, c, 1 - stays, u_a, u_b, w_p)
+        lead_with(dm, c, 1 - stays, slip)
         answer = single_mode(dm, c, 1 - stays, False)
     return answer

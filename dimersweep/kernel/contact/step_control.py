@@ -39,7 +39,7 @@ class StepArrays(NamedTuple):
     """Rows of the work array, by what they hold during a step of a contact phase."""
 
     K: Any  # slopes of the stages
-    Y: Any  # states at the nodes of an implicit step
+    nodes: Any  # states at the nodes of an implicit step
     J: Any  # derivatives of the slopes with respect to the slips, and the Newton matrix
     LU: Any
     B: Any  # directions of the turns
@@ -119,7 +119,7 @@ def begin_at(p, y):
     same_chart(y, p.b.out.y)
     same_chart(y, p.b.probe.y)
     for j in range(NODES):
-        same_chart(y, p.b.Y[j])
+        same_chart(y, p.b.nodes[j])
     set_scales(p)
     phase_rates(p, p.phase, p.b.start)
 
@@ -270,7 +270,7 @@ def set_turns(p, j):
 
     A single slip only turns across itself; of two slips, which share their axial part, every change turns one.
     """
-    b, y = p.b, p.b.Y[j]
+    b, y = p.b, p.b.nodes[j]
     if p.modes[0] != FREE and p.modes[1] != FREE:
         for i in range(3):
             row = b.B[3 * j + i]
@@ -287,7 +287,7 @@ def set_turns(p, j):
 def turn_slopes(step, j):
     """Derivatives of the slopes at node j with respect to the turns, by forward differences, into b.J; returns how many."""
     p, b, probe = step.p, step.p.b, step.p.b.probe
-    y, f = b.Y[j], b.K[j]
+    y, f = b.nodes[j], b.K[j]
     v, _ = coordinates.slip_speed(p.dm, p.modes, y, y)
     m = set_turns(p, j)
     for i in range(m):
@@ -328,7 +328,7 @@ def newton_iteration(h, n, m, b):
     """
     y, probe = b.start.y, b.probe.y
     for j in range(NODES):
-        u_a, u_b, w_p = y[Y.u_a] - b.Y[j, Y.u_a], y[Y.u_b] - b.Y[j, Y.u_b], y[Y.w_p] - b.Y[j, Y.w_p]
+        u_a, u_b, w_p = y[Y.u_a] - b.nodes[j, Y.u_a], y[Y.u_b] - b.nodes[j, Y.u_b], y[Y.w_p] - b.nodes[j, Y.w_p]
         for k in range(NODES):
             a, slope = h * RADAU_A[j, k], b.K[k]
             u_a += a * slope[Y.u_a]
@@ -349,8 +349,8 @@ def newton_iteration(h, n, m, b):
             for k in range(n):
                 probe[k] += a * b.K[i, k]
         for k in range(N_CLOSED):
-            largest = max(largest, abs(probe[k] - b.Y[j, k]) / b.scale[k])
-        copy(probe, b.Y[j], n)
+            largest = max(largest, abs(probe[k] - b.nodes[j, k]) / b.scale[k])
+        copy(probe, b.nodes[j], n)
     return largest
 
 
@@ -376,12 +376,12 @@ def implicit_step(step):
     p, h, n, b, m = step.p, step.h, step.p.n, step.p.b, 1
     for j in range(NODES):
         for k in range(n):
-            b.Y[j, k] = b.start.y[k] + h * RADAU_C[j] * b.start.dy[k]
+            b.nodes[j, k] = b.start.y[k] + h * RADAU_C[j] * b.start.dy[k]
     before = inf
     for turn in range(MAX_STEP_NEWTON):
         charge(p.meter, NEWTON_COST * (1 + m))
         for j in range(NODES):
-            phase_rates(p, step.phase + p.dm.omega * h * RADAU_C[j], Moment(b.Y[j], b.K[j], b.out.F))
+            phase_rates(p, step.phase + p.dm.omega * h * RADAU_C[j], Moment(b.nodes[j], b.K[j], b.out.F))
         if turn == 0 or turn == RENEWED:
             for j in range(NODES):
                 m = turn_slopes(step, j)
@@ -389,7 +389,7 @@ def implicit_step(step):
                 return inf
         change = newton_iteration(h, n, m, b)
         if change <= CONVERGED:
-            copy(b.Y[NODES - 1], b.out.y, n)
+            copy(b.nodes[NODES - 1], b.out.y, n)
             b.out.y[Y.time] = h
             return implicit_error(h, 0, N_CLOSED, b)
         if not change < inf or (turn > RENEWED and change > before):
