@@ -47,13 +47,8 @@ def sustain_contact(dm, c, span, path, tol, locate, work):
     `path` says whether x1, y1 and gamma are wanted; they are where works are. Returns the time integrated [s], and the number
     of the event (JAM also where no step is short enough), NO_EVENT if the span is over, or OUT_OF_STEPS, also if the meter is.
     """
-    t, n, b, control, bracket = (
-        0.0,
-        N_PATH if path else N_CLOSED,
-        step_control.step_arrays(work),
-        work.control[0],
-        work.bracket[0],
-    )
+    b, control, bracket = step_control.step_arrays(work), work.control[0], work.bracket[0]
+    t, n = 0.0, N_PATH if path else N_CLOSED
     if work.course[0].tally.wanted:
         n = coordinates.N_WORKED
     for _ in range(MAX_CHARTS):
@@ -70,22 +65,10 @@ def sustain_contact(dm, c, span, path, tol, locate, work):
 
 @compiled
 def sustain_in_chart(p, y):
-    """The contact phase from y to its first event, LEAVES_CHART among them, which is returned."""
-    begin_phase(p, y)
-    if p.b.start.F[COMPLIANCE] <= 0.0:
-        return JAM
-    for _ in range(MAX_PHASE_STEPS):
-        if is_over(p.meter):
-            break
-        event = step_on(p)
-        if event != GOES_ON:
-            return event
-    return OUT_OF_STEPS
+    """The contact phase from y to its first event, LEAVES_CHART among them, which is returned.
 
-
-@compiled(inline=True)
-def begin_phase(p, y):
-    """The rates at the start, the event functions that are positive there, and first guesses of the steps."""
+    It begins with the rates there, the event functions that are positive, and first guesses of the steps.
+    """
     b, c = p.b, p.control
     step_control.begin_at(p, y)
     for k in range(events.N_CONTACT_EVENTS):
@@ -99,6 +82,15 @@ def begin_phase(p, y):
     c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * p.dm.period, FIRST_RESCALED * natural
     if without_force(p) >= 0:
         c.h = FIRST_WITHOUT_FORCE * TWO_PI / motion_rate(p.dm, b.start.y)
+    if b.start.F[COMPLIANCE] <= 0.0:
+        return JAM
+    for _ in range(MAX_PHASE_STEPS):
+        if is_over(p.meter):
+            break
+        event = step_on(p)
+        if event != GOES_ON:
+            return event
+    return OUT_OF_STEPS
 
 
 @compiled(inline=True)
@@ -149,40 +141,27 @@ def slip_about_to_end(p, span):
     return -1
 
 
-@compiled
-def time_to_slip_end(p, i):
-    """Time in which end i comes to rest along a straight line; none for a slip that counts as none."""
-    a, b = slip_of(p.dm, p.modes, p.b.start.y, i)
-    d_a, d_b = slip_of(p.dm, p.modes, p.b.start.dy, i)
-    v2 = a * a + b * b
-    return -v2 / (a * d_a + b * d_b) if v2 > p.slip_tol * p.slip_tol else 0.0
-
-
-@compiled
-def carry(p, t):
-    """Carry the state on at its present rates; the dip at its present acceleration, or the smallest hops would gain energy."""
-    y, dy = p.b.start.y, p.b.start.dy
-    y[Y.dip] += 0.5 * t * t * dy[Y.w_b]
-    for k in range(min(p.n, N_PATH)):
-        y[k] += t * dy[k]
-
-
 @compiled(inline=True)
 def end_slip_on_line(p):
     """Carry a slip that is about to end along a straight line to its end; returns that event, or GOES_ON."""
-    c, y = p.control, p.b.start.y
+    c, y, dy = p.control, p.b.start.y, p.b.start.dy
     sets_out = c.time == 0.0 and c.speed <= p.slip_tol  # its mode was chosen: rounding has no say in its rate
-    if p.locate and not sets_out and c.speed < PLAIN_LEAST_TURN * p.dm.period * c.stiffness:
-        i = slip_about_to_end(p, min(landing_in_sight(p) / PAST_LANDING, p.span - c.time))
-        if i >= 0:
-            t = time_to_slip_end(p, i)
-            if p.n > N_PATH:
-                works_to_slip_end(p, t)
-            carry(p, t)
-            set_slip(p.dm, p.modes, y, i, 0.0, 0.0)
-            c.time += t
-            return events.SLIP_END + i
-    return GOES_ON
+    if not p.locate or sets_out or not c.speed < PLAIN_LEAST_TURN * p.dm.period * c.stiffness:
+        return GOES_ON
+    i = slip_about_to_end(p, min(landing_in_sight(p) / PAST_LANDING, p.span - c.time))
+    if i < 0:
+        return GOES_ON
+    (a, b), (d_a, d_b) = slip_of(p.dm, p.modes, y, i), slip_of(p.dm, p.modes, dy, i)
+    v2 = a * a + b * b
+    t = -v2 / (a * d_a + b * d_b) if v2 > p.slip_tol * p.slip_tol else 0.0
+    if p.n > N_PATH:
+        works_to_slip_end(p, t)
+    y[Y.dip] += 0.5 * t * t * dy[Y.w_b]  # at its present acceleration, or the smallest hops would gain energy
+    for k in range(min(p.n, N_PATH)):
+        y[k] += t * dy[k]
+    set_slip(p.dm, p.modes, y, i, 0.0, 0.0)
+    c.time += t
+    return events.SLIP_END + i
 
 
 @compiled(inline=True)
