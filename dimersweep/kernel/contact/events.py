@@ -77,21 +77,15 @@ def is_failure(event):
     return event == OUT_OF_STEPS or event == OUT_OF_PROBES
 
 
-@compiled
-def needs_forces(event):
-    """Whether the event function depends on the contact forces: else on the contact state alone."""
-    return event < SLIP_END or event == JAM
-
-
 @compiled(inline=True)
-def event_function(p, k, y, F):
+def event_function(p, k, at):
     """Event function k, positive while the phase goes on; inf where it has no meaning; in units in which all compare.
 
     Normal force of an end, times the compliance (at a jam the force is infinite, and only at a lift-off the product is
     zero); reserve of the friction that holds it; its slip along the direction it had at the start of the step; the other
     end's height (the dip, which opens its gap); what is left to the border of the chart; the compliance.
     """
-    dm, modes = p.dm, p.modes
+    dm, modes, y, F = p.dm, p.modes, at.y, at.F
     if k == JAM:
         return F[COMPLIANCE]
     if k == LANDING or k == LEAVES_CHART:
@@ -113,31 +107,30 @@ def event_function(p, k, y, F):
 
 
 class ContactEvents(NamedTuple):
-    """A contact state in which the event functions are asked for."""
+    """A moment of a phase in which the event functions are asked for."""
 
-    p: Any  # the phase
-    y: Any
-    F: Any
+    p: Any
+    at: Any
     values: Any  # what they are is written there
 
 
 @compiled(inline=True)
-def noted_value(at, k):
+def noted_value(asked, k):
     """Event function k, which is noted."""
-    at.values[k] = event_function(at.p, k, at.y, at.F)
-    return at.values[k]
+    asked.values[k] = event_function(asked.p, k, asked.at)
+    return asked.values[k]
 
 
 @compiled
 def least_value(p, at, values):
     """Least of the armed event functions at a moment and its number (inf, -1 if none is armed); all of them into `values`."""
-    return least_armed(noted_value, ContactEvents(p, at.y, at.F, values), p.b.armed, N_CONTACT_EVENTS)
+    return least_armed(noted_value, ContactEvents(p, at, values), p.b.armed, N_CONTACT_EVENTS)
 
 
 @compiled
 def arm_events(p, values):
     """Arm the event functions of the ends that have become positive at the start of a step; they are written into `values`."""
-    arm(noted_value, ContactEvents(p, p.b.start.y, p.b.start.F, values), p.b.armed, LANDING + 1)
+    arm(noted_value, ContactEvents(p, p.b.start, values), p.b.armed, LANDING + 1)
 
 
 @compiled
@@ -160,7 +153,7 @@ class PhaseCrossing(NamedTuple):
 
 @compiled(inline=True)
 def look_on_cubic(p, share, h, forces):
-    """Go to a share of a step of h seconds, on the cubic through its ends."""
+    """Go to a share of a step of h seconds, on the cubic through its ends; `forces` says whether those there are wanted."""
     start, out, at = p.b.start, p.b.out, p.b.probe
     on_cubic(start.y, start.dy, out.y, out.dy, share, h, p.n, at.y)
     if forces:
@@ -170,8 +163,8 @@ def look_on_cubic(p, share, h, forces):
 @compiled(inline=True)
 def value_on_cubic(at, share):
     """The event function on the cubic through the ends of the step, at a share of it."""
-    look_on_cubic(at.p, share, at.p.control.size, needs_forces(at.event))
-    return event_function(at.p, at.event, at.p.b.probe.y, at.p.b.probe.F)
+    look_on_cubic(at.p, share, at.p.control.size, at.event < SLIP_END or at.event == JAM)
+    return event_function(at.p, at.event, at.p.b.probe)
 
 
 @compiled(inline=True)
