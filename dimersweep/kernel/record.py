@@ -80,17 +80,16 @@ def is_full(record):
 
 
 @compiled(inline=True)
-def next_row(record):
-    """Number of the next event row, which is counted even where there is no room for it: then below zero."""
-    count = record.counts[EVENT_ROWS]
-    record.counts[EVENT_ROWS] = count + 1
-    return count if count < record.events.shape[0] else -1
+def next_row(rows, counts, kind):
+    """Number of the next of the rows of a kind, which is counted even where there is no room for it: then below zero."""
+    counts[kind] += 1
+    return counts[kind] - 1 if counts[kind] <= rows.shape[0] else -1
 
 
 @compiled(inline=True)
 def note_event(dm, record, state, cause, before, after):
     """Write the row of an event between impacts, from one contact state of Table 1 to another."""
-    k = next_row(record) if is_kept(record) else -1
+    k = next_row(record.events, record.counts, EVENT_ROWS) if is_kept(record) else -1
     if k < 0:
         return
     row = record.events[k]
@@ -108,7 +107,7 @@ def note_impact_phases(dm, record, state, rows, before):
     for i in range(rows):
         phase = record.log[i]
         kind, after = phase[E_KIND], record.log[i + 1, E_KIND] if i + 1 < rows else 0.0
-        k = next_row(record)
+        k = next_row(record.events, record.counts, EVENT_ROWS)
         if k >= 0:
             copy(phase, record.events[k], N_EVENT)
             write_moment(dm, record.events[k], state, C_IMPACT, before, after)
@@ -118,12 +117,9 @@ def note_impact_phases(dm, record, state, rows, before):
 @compiled(inline=True)
 def note_segment(record, state, modes, hop_time, before):
     """Write the start of a smooth phase, and the state `before` hops that take the time `hop_time` were summed."""
-    if not is_kept(record):
-        return
-    count = record.counts[SEGMENT_ROWS]
-    record.counts[SEGMENT_ROWS] = count + 1
-    if count < record.segments.shape[0]:
-        row = record.segments[count]
+    n = next_row(record.segments, record.counts, SEGMENT_ROWS) if is_kept(record) else -1
+    if n >= 0:
+        row = record.segments[n]
         copy(state, row, N_STATE)
         row[SEGMENT_MODES], row[SEGMENT_MODES + 1], row[SEGMENT_HOP_TIME] = modes[0], modes[1], hop_time
         for k in range(N1, CB + 1):

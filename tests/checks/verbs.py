@@ -170,17 +170,10 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, dy, F
 
 
 @exported
-def sustain_contact(dm, modes, y, at, span, tol, slip_tol, locate, work):
-    """Contact phase with the path."""
+def sustain_contact(dm, modes, y, at, span, tol, slip_tol, locate, work, path=True):
+    """Contact phase."""
     c = forces.Contact(modes, at, y, y, y, slip_tol)
-    return phase.sustain_contact(dm, c, span, True, tol, locate, work)
-
-
-@exported
-def sustain_contact_without_path(dm, modes, y, at, span, tol, slip_tol, locate, work):
-    """Contact phase without the path."""
-    c = forces.Contact(modes, at, y, y, y, slip_tol)
-    return phase.sustain_contact(dm, c, span, False, tol, locate, work)
+    return phase.sustain_contact(dm, c, span, path, tol, locate, work)
 
 
 @exported

@@ -29,7 +29,6 @@ from tests.checks.verbs import (
     set_slips,
     state_of,
     sustain_contact,
-    sustain_contact_without_path,
 )
 from tests.oracle import body
 from tests.oracle.contact import Instant, State, settle
@@ -582,7 +581,7 @@ def test_whether_the_path_is_wanted_does_not_change_the_motion(modes):
     codes, y = loaded(dm, modes, state)
     other = y.copy()
     told = sustain_contact(dm, codes, y, 0.3, 0.02, 1e-6, 1e-9, True, scratch()[0])
-    assert told == sustain_contact_without_path(dm, codes, other, 0.3, 0.02, 1e-6, 1e-9, True, scratch()[0])
+    assert told == sustain_contact(dm, codes, other, 0.3, 0.02, 1e-6, 1e-9, True, scratch()[0], False)
     assert (y[:N_CLOSED] == other[:N_CLOSED]).all()
     assert (y[Y.x : Y.x + 2] != other[Y.x : Y.x + 2]).all()
 
