@@ -77,15 +77,27 @@ def is_failure(event):
     return event == OUT_OF_STEPS or event == OUT_OF_PROBES
 
 
+class ContactEvents(NamedTuple):
+    """A moment of a phase in which the event functions are asked for: no more than they need, they are asked for often."""
+
+    dm: Any
+    modes: Any
+    slip_tol: float
+    base: Any  # state at the start of the step
+    y: Any
+    F: Any
+    values: Any  # what they are is written there
+
+
 @compiled(inline=True)
-def event_function(p, k, at):
+def event_function(at, k):
     """Event function k, positive while the phase goes on; inf where it has no meaning; in units in which all compare.
 
     Normal force of an end, times the compliance (at a jam the force is infinite, and only at a lift-off the product is
     zero); reserve of the friction that holds it; its slip along the direction it had at the start of the step; the other
     end's height (the dip, which opens its gap); what is left to the border of the chart; the compliance.
     """
-    dm, modes, y, F = p.dm, p.modes, at.y, at.F
+    dm, modes, y, F = at.dm, at.modes, at.y, at.F
     if k == JAM:
         return F[COMPLIANCE]
     if k == LANDING or k == LEAVES_CHART:
@@ -101,36 +113,35 @@ def event_function(p, k, at):
         return hold_reserve(dm, modes, i, F) / (dm.m * dm.g) if modes[i] == STICK else inf
     if modes[i] != SLIP:
         return inf
-    a0, b0 = slip_of(dm, modes, p.b.start.y, i)
+    a0, b0 = slip_of(dm, modes, at.base, i)
     a, b = slip_of(dm, modes, y, i)
-    return ((a * a0 + b * b0) / length(a0, b0) - p.slip_tol) / dm.v_scale
-
-
-class ContactEvents(NamedTuple):
-    """A moment of a phase in which the event functions are asked for."""
-
-    p: Any
-    at: Any
-    values: Any  # what they are is written there
+    return ((a * a0 + b * b0) / length(a0, b0) - at.slip_tol) / dm.v_scale
 
 
 @compiled(inline=True)
-def noted_value(asked, k):
+def noted_value(at, k):
     """Event function k, which is noted."""
-    asked.values[k] = event_function(asked.p, k, asked.at)
-    return asked.values[k]
+    at.values[k] = event_function(at, k)
+    return at.values[k]
 
 
 @compiled
+def least_noted(at, armed):
+    """Least of the armed event functions, and its number; see `least_value`."""
+    return least_armed(noted_value, at, armed, N_CONTACT_EVENTS)
+
+
+@compiled(inline=True)
 def least_value(p, at, values):
     """Least of the armed event functions at a moment and its number (inf, -1 if none is armed); all of them into `values`."""
-    return least_armed(noted_value, ContactEvents(p, at, values), p.b.armed, N_CONTACT_EVENTS)
+    return least_noted(ContactEvents(p.dm, p.modes, p.slip_tol, p.b.start.y, at.y, at.F, values), p.b.armed)
 
 
-@compiled
+@compiled(inline=True)
 def arm_events(p, values):
     """Arm the event functions of the ends that have become positive at the start of a step; they are written into `values`."""
-    arm(noted_value, ContactEvents(p, p.b.start, values), p.b.armed, LANDING + 1)
+    y, F = p.b.start.y, p.b.start.F
+    arm(noted_value, ContactEvents(p.dm, p.modes, p.slip_tol, y, y, F, values), p.b.armed, LANDING + 1)
 
 
 @compiled
@@ -163,8 +174,10 @@ def look_on_cubic(p, share, h, forces):
 @compiled(inline=True)
 def value_on_cubic(at, share):
     """The event function on the cubic through the ends of the step, at a share of it."""
-    look_on_cubic(at.p, share, at.p.control.size, at.event < SLIP_END or at.event == JAM)
-    return event_function(at.p, at.event, at.p.b.probe)
+    p, probe = at.p, at.p.b.probe
+    look_on_cubic(p, share, p.control.size, at.event < SLIP_END or at.event == JAM)
+    asked = ContactEvents(p.dm, p.modes, p.slip_tol, p.b.start.y, probe.y, probe.F, p.b.values[1])
+    return event_function(asked, at.event)
 
 
 @compiled(inline=True)
@@ -197,7 +210,7 @@ def first_crossing(p, event, least):
     return locate(probe_step, at, p.bracket, h, -0.5 * past, True)
 
 
-@compiled
+@compiled(inline=True)
 def low_between(p, turn):
     """Whether a force or a hold is so low at an end of a step over which the motion turns so far that it may dip to zero."""
     for k in range(N_FORCE_EVENTS):

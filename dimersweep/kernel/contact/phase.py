@@ -121,7 +121,7 @@ def step_on(p):
     return accept_step(p, factor)
 
 
-@compiled
+@compiled(inline=True)
 def slip_about_to_end(p, span):
     """Number of a slipping end that comes to rest along a straight line within a brief time, at most `span`; -1 if none does.
 
@@ -188,7 +188,7 @@ def choose_step(p):
     c.method, c.last, c.h, c.size = method, last, h, c.xi if method == RESCALED else h
 
 
-@compiled
+@compiled(inline=True)
 def method_for(p, tight):
     """The method that suits the slip as it changes, and as it may jam soon.
 
@@ -216,7 +216,7 @@ def jams_soon(p):
     return start.F[COMPLIANCE] - probe.F[COMPLIANCE] > SOON * SLIGHT * start.F[COMPLIANCE]
 
 
-@compiled
+@compiled(inline=True)
 def landing_in_sight(p):
     """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
     modes, y = p.modes, p.b.start.y
@@ -232,7 +232,7 @@ def landing_in_sight(p):
     return PAST_LANDING * (2.0 * gap / (sqrt(disc) - rate) if rate < 0.0 else (rate + sqrt(disc)) / -fall)
 
 
-@compiled
+@compiled(inline=True)
 def shorten(p, factor):
     """Shorten the next step; returns JAM if no step is short enough, else GOES_ON."""
     c = p.control
@@ -315,7 +315,7 @@ def accept_step(p, factor):
     return GOES_ON
 
 
-@compiled
+@compiled(inline=True)
 def without_force(p):
     """Number of a closed end whose force does not press, -1 if there is none."""
     for i in range(2):

@@ -139,7 +139,7 @@ def set_scales(p):
         scale[k] = p.control.doubt
 
 
-@compiled
+@compiled(inline=True)
 def stiffness(p, force):
     """gamma: a bound on the rate at which friction under a normal force turns a slip, times its speed [m s-2]."""
     dm, y = p.dm, p.b.start.y
