@@ -14,18 +14,8 @@ from dimersweep.kernel.contact.step_control import RESCALED, step_to
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import tempo
+from dimersweep.kernel.numerics import root_bracket
 from dimersweep.kernel.numerics.elementary import length
-from dimersweep.kernel.numerics.root_bracket import (
-    PROBE_FOUND,
-    PROBE_LOOK_ON,
-    PROBE_REFUSED,
-    UNSOUND,
-    arm,
-    least_armed,
-    locate,
-    set_bracket,
-    zero_on_cubic,
-)
 from dimersweep.kernel.numerics.steps import on_cubic
 
 # Events of a contact phase, two numbers of each kind that an end has: the even one is p1's, the odd one p2's. A phase
@@ -128,7 +118,7 @@ def noted_value(at, k):
 @compiled
 def least_noted(at, armed):
     """Least of the armed event functions, and its number; see `least_value`."""
-    return least_armed(noted_value, at, armed, N_CONTACT_EVENTS)
+    return root_bracket.least_armed(noted_value, at, armed, N_CONTACT_EVENTS)
 
 
 @compiled(inline=True)
@@ -141,7 +131,7 @@ def least_value(p, at, values):
 def arm_events(p, values):
     """Arm the event functions of the ends that have become positive at the start of a step; they are written into `values`."""
     y, F = p.b.start.y, p.b.start.F
-    arm(noted_value, ContactEvents(p.dm, p.modes, p.slip_tol, y, y, F, values), p.b.armed, LANDING + 1)
+    root_bracket.arm(noted_value, ContactEvents(p.dm, p.modes, p.slip_tol, y, y, F, values), p.b.armed, LANDING + 1)
 
 
 @compiled
@@ -185,11 +175,12 @@ def probe_step(at, t):
     """Take the step up to t: the least event function there, its event, and PROBE_FOUND, PROBE_LOOK_ON or PROBE_REFUSED."""
     p, y = at.p, at.p.b.out.y
     if not step_to(p, p.control.now, t) <= 1.0:
-        return 0.0, UNSOUND, PROBE_REFUSED
+        return 0.0, root_bracket.UNSOUND, root_bracket.PROBE_REFUSED
     g, which = least_value(p, p.b.out, p.b.values[1])
     at_rest = is_slip_end(which) and abs(g) <= p.slip_tol / p.dm.v_scale
     landed = which == LANDING and abs(g) <= at.dip_left and y[Y.dip] * y[Y.w_b] < 0.0
-    return g, which, PROBE_FOUND if -at.past <= g <= 0.0 or at_rest or landed else PROBE_LOOK_ON
+    found = -at.past <= g <= 0.0 or at_rest or landed
+    return g, which, root_bracket.PROBE_FOUND if found else root_bracket.PROBE_LOOK_ON
 
 
 @compiled
@@ -205,9 +196,9 @@ def first_crossing(p, event, least):
     dip_left = DIP_LEFT * past if p.b.start.y[Y.dip] != 0.0 else 0.0  # an end that has just left does not land
     at, guess, slope = PhaseCrossing(p, event, past, dip_left), 0.0, 0.0
     if p.control.method != RESCALED:
-        guess, slope = zero_on_cubic(value_on_cubic, at, p.bracket, h, values[event], least)
-    set_bracket(p.bracket, h, g_low, least, guess, slope)
-    return locate(probe_step, at, p.bracket, h, -0.5 * past, True)
+        guess, slope = root_bracket.zero_on_cubic(value_on_cubic, at, p.bracket, h, values[event], least)
+    root_bracket.set_bracket(p.bracket, h, g_low, least, guess, slope)
+    return root_bracket.locate(probe_step, at, p.bracket, h, -0.5 * past, True)
 
 
 @compiled(inline=True)
