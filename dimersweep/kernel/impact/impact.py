@@ -23,7 +23,6 @@ from dimersweep.kernel.impact.double_equations import (
 )
 from dimersweep.kernel.impact.double_leg import OUT_OF_LEG_STEPS, double_leg
 from dimersweep.kernel.impact.double_step import LEG_ROWS
-from dimersweep.kernel.impact.phase_log import log_phase, log_single
 from dimersweep.kernel.impact.single_impact import OTHER, EndLaw, begin_blow, single_phase
 from dimersweep.kernel.model.body import (
     attitude,
@@ -37,6 +36,7 @@ from dimersweep.kernel.model.body import (
     slip_rounding,
 )
 from dimersweep.kernel.model.contact_code import coded, impact_digit
+from dimersweep.kernel.model.event_row import log_phase, log_single
 from dimersweep.kernel.model.friction import holds_axially, slip_force
 from dimersweep.kernel.model.layout import CA, CB, DIP, IMPACT, IMPACT_STEPS, N1, N2, OK, SLIP, SPIN, STICK, WB, WP
 from dimersweep.kernel.model.works import note_struck
@@ -148,12 +148,12 @@ def single_impact(dm, state, i, V, tol, work, log):
         n_s, n_js = n + V * (law.nn * P_s + law.na * A_s), n_j + unit * (wj.nn * P_s + wj.na * A_s)
         if wanted:
             note_single(work, rows, i, V, unit, (P_s, A_s, B), True)
-        rows = log_single(log, rows, i, IMPACT + SLIP, n, n_j, n_s, n_js, unit * P_s, 0.0, 0.0)
+        rows = log_single(log, rows, i, IMPACT + SLIP, (n, n_j, n_s, n_js), unit * P_s, (0.0, 0.0))
         n, n_j, P, A, B = n_s, n_js, P - P_s, A - A_s, 0.0
     if wanted:
         note_single(work, rows, i, V, unit, (P, A, B), False)
-    a, b = blow.a * V, blow.b * V
-    rows = log_single(log, rows, i, IMPACT + mode, n, n_j, state[N1 + i], state[other], unit * P, a, b)
+    rates, slip = (n, n_j, state[N1 + i], state[other]), (blow.a * V, blow.b * V)
+    rows = log_single(log, rows, i, IMPACT + mode, rates, unit * P, slip)
     return OK, mode, rows
 
 
@@ -289,10 +289,12 @@ def rest_work(d, i):
 @compiled
 def note_phase(d, z, code, works, rows, work, log):
     """Note a phase up to z, its works (what restitution takes, and slip) and its contact state; returns the rows logged."""
-    impulses = impulses_between(d, d.before, z)
+    impulses, V = impulses_between(d, d.before, z), d.V
     if work.course[0].tally.wanted:
-        note_struck(work, rows, d.dm.m * d.V * d.V, works[0], works[1], impulses)
-    return log_phase(log, rows, code, d.before[ZN1], d.before[ZN2], z, d.V, impulses[0], impulses[1])
+        note_struck(work, rows, d.dm.m * V * V, works[0], works[1], impulses)
+    rates = d.before[ZN1] * V, d.before[ZN2] * V, z[ZN1] * V, z[ZN2] * V
+    slips = z[ZA] * V, z[ZB1] * V, z[ZA] * V, z[ZB2] * V
+    return log_phase(log, rows, code, rates, (impulses[0], impulses[1]), slips)
 
 
 @compiled

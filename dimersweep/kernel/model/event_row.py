@@ -1,10 +1,11 @@
 """The row of an event: what each of its columns holds; names, units and meanings: ``symbols.EVENT_QUANTITIES``.
 
-A phase of an impact is such a row from the start (``impact.phase_log``), and so are events between impacts (``record``).
+A phase of an impact is such a row from the start (`log_phase`), and so are events between impacts (``record``).
 """
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.layout import DIP, PERIOD, PHASE, THETA
+from dimersweep.kernel.model.contact_code import coded
+from dimersweep.kernel.model.layout import DIP, FREE, PERIOD, PHASE, THETA
 
 # beside the names that are told: completed forcing periods; the phase counts from their end
 EVENT = (
@@ -31,3 +32,21 @@ def write_phase(row, kind, rates, impulses, slips):
     for k in range(4):
         row[E_N1 + k], row[E_A1 + k] = rates[k], slips[k]
     row[E_P1], row[E_P2] = impulses
+
+
+@compiled
+def log_phase(log, count, kind, rates, impulses, slips):
+    """Add a row to the log of an impact's phases (a log without rows is not kept); returns the count."""
+    if count >= log.shape[0]:
+        return count
+    write_phase(log[count], kind, rates, impulses, slips)
+    return count + 1
+
+
+@compiled
+def log_single(log, count, i, digit, rates, P, slip):
+    """The same of a phase at end i, the other one being off the plate; `rates` have that of end i first."""
+    (n, n_j, n_after, n_j_after), (a, b) = rates, slip
+    if i == 0:
+        return log_phase(log, count, coded(digit, FREE), rates, (P, 0.0), (a, b, 0.0, 0.0))
+    return log_phase(log, count, coded(FREE, digit), (n_j, n, n_j_after, n_after), (0.0, P), (0.0, 0.0, a, b))
