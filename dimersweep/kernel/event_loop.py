@@ -199,11 +199,10 @@ def choose_contact(dm, ask, motion, record):
             force_impact(dm, state)
         return False
     course.forced, course.pending, course.contact_is_set = 0, False, True
-    before, after = course.contact_before, coded(modes[0], modes[1])
     if course.cause == layout.C_CHATTER_END:
         row = record.counts[EVENT_ROWS]
         keep_struck(record.book, row, row + 1, record.counts[SEGMENT_ROWS], motion.work.rows)
-    note_contact(dm, record, state, modes, course.cause, before, after, course.hop_time, motion.before)
+    note_contact(dm, record, motion, coded(modes[0], modes[1]))
     if is_kept(record) and is_full(record):
         course.status = layout.RECORD_FULL
         return False

@@ -127,13 +127,16 @@ def note_segment(record, state, modes, hop_time, before):
 
 
 @compiled(inline=True)
-def note_contact(dm, record, state, modes, cause, before, after, hop_time, before_hops):
-    """Write the smooth phase that starts now, and the event that has led to it unless the impact's own rows tell all.
+def note_contact(dm, record, motion, after):
+    """Write the smooth phase that starts now, in the contact state `after`, and the event that has led to it unless the rows of
+    the impact tell all.
 
     A slip that nothing holds where it ends goes on in another direction.
     """
+    state, cause, before = motion.state, motion.course[0].cause, motion.course[0].contact_before
     if cause == C_STICK and before == after:
         cause = C_SLIP
     if cause != C_IMPACT or after != 0:
         note_event(dm, record, state, cause, before, after)
-    note_segment(record, state, modes, hop_time if cause == C_CHATTER_END else 0.0, before_hops)
+    hop_time = motion.course[0].hop_time if cause == C_CHATTER_END else 0.0
+    note_segment(record, state, motion.modes, hop_time, motion.before)
