@@ -13,7 +13,7 @@ from dimersweep.cli.options import Force, argument, option, whole_option
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
 
-MARK = "dimersweep cube, configuration sha256 "  # in a picture, before that of the cube it was drawn from
+PICTURE_MARK = "dimersweep cube, configuration sha256 "  # in a picture, before that of the cube it was drawn from
 LAST_PORT = 65535
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quan
     """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and print its path."""
     from dimersweep.plots import draw, write_picture
 
-    marked = {"Keywords": MARK + cube.attrs["configuration_sha256"]}
+    marked = {"Keywords": PICTURE_MARK + cube.attrs["configuration_sha256"]}
     write_picture(draw(cube, kind, quantity=quantity), picture, force=True, metadata=marked)
     typer.echo(f"picture: {picture}")
 
@@ -125,7 +125,7 @@ def check_picture_of(configuration_sha256: str, picture: Path, *, force: bool) -
     from dimersweep.storage.outputs import check_output
 
     check_output(picture, force=True, name="picture", endings=None)  # to look into a device might take for ever
-    ours = _mark_in(picture) == MARK + configuration_sha256
+    ours = _mark_in(picture) == PICTURE_MARK + configuration_sha256
     check_output(picture, force=force or ours, name="picture", endings=None)
 
 
