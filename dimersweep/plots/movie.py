@@ -23,7 +23,7 @@ from PIL import Image
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import StoreError
 from dimersweep.inputs import check_count
-from dimersweep.plots.playback import BALLS, MOST_FRAMES, PLATE, ROD, TRACK, Frames, Playback, frames
+from dimersweep.plots.playback import BALLS, MOST_FRAMES, PATH_COLOR, PLATE, ROD, Frames, Playback, frames
 from dimersweep.plots.style import entitle
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
@@ -177,7 +177,7 @@ def _view_from_above(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
     half, middle = np.ptp(ends, axis=0).max() / 2 + 2 * shown.radii.max(), (ends.min(axis=0) + ends.max(axis=0)) / 2
     table = Rectangle(middle - half, 2 * half, 2 * half, color=PLATE, alpha=0.25, visible=moves > 0, zorder=0)
     axes.add_patch(table)
-    (track,) = axes.plot([], [], color=TRACK, linewidth=1.2)
+    (track,) = axes.plot([], [], color=PATH_COLOR, linewidth=1.2)
     places = [Affine2D().translate(*away) for away in shown.away[:, :2]]
     move = _moving(axes, shown, shown.balls[..., :2], places, table, track)
     xlim, ylim = middle[:, None] + (half + 1.5 * moves) * np.array([-1, 1])

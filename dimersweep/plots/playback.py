@@ -12,7 +12,7 @@ from dimersweep.inputs import as_number, check_count
 from dimersweep.parameters import dimer_from
 
 BALLS = ("#d62728", "#0072b2")  # p1, p2
-ROD, PLATE, TRACK = "#444444", "#56b4e9", "#999999"
+ROD, PLATE, PATH_COLOR = "#444444", "#56b4e9", "#999999"
 SLOWED = 20.0  # how much slower the double impacts are shown
 NEAR_IMPACT = 0.04  # of a double impact, in forcing periods on either side
 MOST_FRAMES = 2000

@@ -7,7 +7,7 @@ import numpy as np
 
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import StoreError
-from dimersweep.plots.playback import BALLS, PLATE, ROD, TRACK, Frames, Playback, frames
+from dimersweep.plots.playback import BALLS, PATH_COLOR, PLATE, ROD, Frames, Playback, frames
 
 RINGS, SPOKES = 9, 14  # of the mesh of a ball
 SHOWN_DIGITS = 4  # of the radius of a ball, and as many places in all coordinates
@@ -96,7 +96,7 @@ LOOKS: tuple[dict[str, Any], ...] = (  # of what moves, in the order of `_moved`
     {"type": "scatter3d", "mode": "lines", "line": {"color": ROD, "width": 9}, "name": "rod", "showlegend": False},
     {"type": "mesh3d", "color": PLATE, "opacity": 0.55, "name": "plate", "showlegend": True}
     | {"i": [0, 0], "j": [1, 2], "k": [2, 3]},
-    {"type": "scatter3d", "mode": "markers", "marker": {"color": TRACK, "size": 3}, "name": "centre of mass"}
+    {"type": "scatter3d", "mode": "markers", "marker": {"color": PATH_COLOR, "size": 3}, "name": "centre of mass"}
     | {"showlegend": False},
 )
 
@@ -129,7 +129,7 @@ def _moved(shown: Frames, k: int) -> list[dict[str, Any]]:
 
 def _scene(shown: Frames) -> list[dict[str, Any]]:
     """The scene in its first frame, and the whole track."""
-    line = {"color": TRACK, "width": 3}
+    line = {"color": PATH_COLOR, "width": 3}
     track = {"type": "scatter3d", "mode": "lines", "line": line, "name": "track", "hoverinfo": "skip"}
     moving = [place | look | {"hoverinfo": "name"} for place, look in zip(_moved(shown, 0), LOOKS, strict=True)]
     return [*moving, track | _xyz(shown, shown.centre)]
