@@ -20,7 +20,7 @@ from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, double_forc
 from dimersweep.kernel.impact.impact import apply_impulse
 from dimersweep.kernel.model import body
 from dimersweep.kernel.model.body import attitude, contact_velocity, delassus, end, levers
-from dimersweep.kernel.model.friction import slip_force
+from dimersweep.kernel.model.friction import slip_force, slip_mu
 from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, N_STATE, SLIP, SPIN, WB, WP
 from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound, tempo
 from dimersweep.kernel.model.works import begin_tally, note_struck
@@ -179,7 +179,7 @@ def close_one(dm, c, state, i):
     if c.modes[i] == SLIP:
         u_a, u_b = c.y[Y.u_a], c.y[Y.u_b]
         v = length(u_a, u_b)
-        t_a, t_b = slip_force(p.mu, 1.0, u_a, u_b)
+        t_a, t_b = slip_force(slip_mu(p, v), 1.0, u_a, u_b)
         t_a, t_b = t_a / v, t_b / v
     P = -state[N1 + i] / (w.nn + w.na * t_a)
     apply_impulse(dm, state, lv, P, t_a * P, t_b * P)

@@ -16,6 +16,7 @@ from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.body import dimer_of, rise_of_centre, slip_at
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
 from dimersweep.kernel.model.event_row import E_CAUSE, E_KIND, E_PERIOD, E_PHASE, EVENT
+from dimersweep.kernel.model.friction import slip_mu
 from dimersweep.kernel.model.layout import (
     C_CHATTER_END,
     CAUSES,
@@ -310,8 +311,9 @@ def forces(row: np.ndarray, states: np.ndarray, modes: np.ndarray, rtol: float) 
     slide = both & (modes == SLIP).all(1)
     for i, p in enumerate((dm.p1, dm.p2)):
         along, across = slip_at(dm, states[slide].T, i)
+        speed = np.hypot(along, across)
         with np.errstate(invalid="ignore"):  # a slip that just turns back has no direction
-            axial[i, slide] = -p.mu * F[slide, F1 + i * (F2 - F1)] * along / np.hypot(along, across)
+            axial[i, slide] = -plain(slip_mu)(p, speed) * F[slide, F1 + i * (F2 - F1)] * along / speed
     return {
         "normal_force_1": F[:, F1],
         "normal_force_2": F[:, F2],

@@ -14,10 +14,11 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, UPRIGHT, Y, leading, slip_of
 from dimersweep.kernel.contact.steep_rod import upright_rates
 from dimersweep.kernel.model.body import attitude, end, level_levers, levers
-from dimersweep.kernel.model.friction import direction, hold_left, hold_left_of_pair, slip_force
+from dimersweep.kernel.model.friction import direction, hold_left, hold_left_of_pair, slip_force, slip_mu
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import acceleration_along, effective_gravity, plate_rate, velocity_along
 from dimersweep.kernel.model.works import ALONG, PLATE_1, PLATE_2, SLIP_1
+from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.sincos import sincos
 
 # forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones);
@@ -111,12 +112,13 @@ def double_forces(dm, modes, y, free, F):
     friction of (4), A = A_0 + A_1 F_1 + A_2 F_2, takes part.
     """
     w, n_1, n_2, a, b = dm.pair, dm.m * free[0], dm.m * free[1], dm.m * free[2], dm.m * free[3]
-    c_1, s_1 = direction(*slip_of(dm, modes, y, 0))
-    c_2, s_2 = direction(*slip_of(dm, modes, y, 1))
+    slip_1, slip_2 = slip_of(dm, modes, y, 0), slip_of(dm, modes, y, 1)
+    (c_1, s_1), (c_2, s_2) = direction(*slip_1), direction(*slip_2)
+    mu_1, mu_2 = slip_mu(dm.p1, length(*slip_1)), slip_mu(dm.p2, length(*slip_2))
     if modes[0] == STICK or modes[1] == STICK:
         A_0, A_1, A_2 = -a / w.aa, -w.na_1 / w.aa, -w.na_2 / w.aa
     else:
-        A_0, A_1, A_2 = 0.0, -dm.p1.mu * c_1, -dm.p2.mu * c_2
+        A_0, A_1, A_2 = 0.0, -mu_1 * c_1, -mu_2 * c_2
     m_11, m_12 = w.nn_1 + w.na_1 * A_1, w.nn_12 + w.na_1 * A_2
     m_21, m_22 = w.nn_12 + w.na_2 * A_1, w.nn_2 + w.na_2 * A_2
     n_1, n_2 = n_1 + w.na_1 * A_0, n_2 + w.na_2 * A_0
@@ -124,8 +126,8 @@ def double_forces(dm, modes, y, free, F):
     F[COMPLIANCE] = det / (0.5 * (w.nn_1 + w.nn_2) + w.nn_12)
     F[F1], F[F2] = (m_12 * n_2 - m_22 * n_1) / det, (m_21 * n_1 - m_11 * n_2) / det
     F[A1], F[A2] = A_0 + A_1 * F[F1] + A_2 * F[F2], 0.0
-    _, F[L1] = slip_force(dm.p1.mu, F[F1], c_1, s_1)
-    _, F[L2] = slip_force(dm.p2.mu, F[F2], c_2, s_2)
+    _, F[L1] = slip_force(mu_1, F[F1], c_1, s_1)
+    _, F[L2] = slip_force(mu_2, F[F2], c_2, s_2)
     if modes[0] == STICK and modes[1] == STICK:
         det = w.bb_1 * w.bb_2 - w.bb_12 * w.bb_12
         F[L1], F[L2] = -b * (w.bb_2 - w.bb_12) / det, -b * (w.bb_1 - w.bb_12) / det
@@ -192,8 +194,8 @@ def single_rates(dm, mode, p, rod, pull):
         F, A = -dm.m * (n + arm_n * push), -dm.m * (a + arm_a * push)
         L = -b / (im + arm_b * arm_b * it + arm_c * arm_c * dm.ia)
         return Single(d_wb + push, d_wp + arm_b * it * L, arm_c * dm.ia * L, 0.0, 0.0, turn, F, A, L, 1.0)
-    v2 = u_a * u_a + u_b * u_b
-    k = p.mu / sqrt(v2) if v2 > 0.0 else 0.0
+    v = sqrt(u_a * u_a + u_b * u_b)
+    k = slip_mu(p, v) / v if v > 0.0 else 0.0
     c, d = k * u_a, k * u_b
     yields = im + it * arm_n * (arm_n - c * arm_a)
     F = -n / yields
@@ -281,7 +283,7 @@ def work_rates(dm, modes, phase, y, F, dy):
             a, b = slip_of(dm, modes, y, i)
             axial = F[A1 + 3 * i]
             if both_slip:  # F has the sum of the axial forces
-                axial, _ = slip_force(end(dm, i).mu, F[F1 + 3 * i], *direction(a, b))
+                axial, _ = slip_force(slip_mu(end(dm, i), length(a, b)), F[F1 + 3 * i], *direction(a, b))
             dy[Y.work + SLIP_1 + i] = axial * a + F[L1 + 3 * i] * b
 
 

@@ -10,8 +10,9 @@ and the contact point of end s moves with V + s h k' - r w x z. At a moment the 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import Y, axis
 from dimersweep.kernel.model.body import delassus, levers
-from dimersweep.kernel.model.friction import single_forces
+from dimersweep.kernel.model.friction import single_forces, slip_mu
 from dimersweep.kernel.model.layout import SLIP
+from dimersweep.kernel.numerics.elementary import length
 
 
 @compiled
@@ -29,7 +30,9 @@ def upright_rates(dm, mode, p, pull, y, path, dy):
     lv = levers(p, kz, cos_b)
     u_a, u_b = y[Y.u_a] * c + y[Y.u_b] * d, y[Y.u_b] * c - y[Y.u_a] * d
     w = delassus(dm, lv, lv)
-    N, A, L, compliance = single_forces(dm, p.mu, mode, w, u_a, u_b, fn, fy * c + fx * d, fx * c - fy * d)
+    N, A, L, compliance = single_forces(
+        dm, slip_mu(p, length(u_a, u_b)), mode, w, u_a, u_b, fn, fy * c + fx * d, fx * c - fy * d
+    )
     Fy, Fx = A * c - L * d, A * d + L * c
     px, py, pz = h * kx, h * ky, h * kz - r  # from the centre of mass to the contact
     Tx, Ty, Tz = py * N - pz * Fy, pz * Fx - px * N, px * Fy - py * Fx

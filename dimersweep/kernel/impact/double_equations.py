@@ -127,12 +127,12 @@ def friction(dm, modes, f_1, f_2, a, b_1, b_2):
     if modes[0] == STICK and modes[1] == STICK:
         return -pull(dm, f_1, f_2) / dm.pair.aa, 0.0, 0.0
     if modes[0] == STICK:  # a = 0, so that p2 can slip only laterally
-        _, L_2 = slip_force(dm.p2.mu, f_2, 0.0, copysign(1.0, b_2))
+        _, L_2 = slip_force(dm.p2.mu_hit, f_2, 0.0, copysign(1.0, b_2))
         return -pull(dm, f_1, f_2) / dm.pair.aa, -dm.pair.bb_12 / dm.pair.bb_1 * L_2, L_2
     if modes[1] == STICK:
-        _, L_1 = slip_force(dm.p1.mu, f_1, 0.0, copysign(1.0, b_1))
+        _, L_1 = slip_force(dm.p1.mu_hit, f_1, 0.0, copysign(1.0, b_1))
         return -pull(dm, f_1, f_2) / dm.pair.aa, L_1, -dm.pair.bb_12 / dm.pair.bb_2 * L_1
-    k_1, k_2 = slip_strength(dm.p1.mu, f_1, length(a, b_1)), slip_strength(dm.p2.mu, f_2, length(a, b_2))
+    k_1, k_2 = slip_strength(dm.p1.mu_hit, f_1, length(a, b_1)), slip_strength(dm.p2.mu_hit, f_2, length(a, b_2))
     return -(k_1 + k_2) * a, -k_1 * b_1, -k_2 * b_2
 
 
@@ -172,7 +172,7 @@ def friction_slopes(dm, modes, z, g_1, g_2, J):
     if held:
         J[0, 0], J[0, 1] = -dm.pair.na_1 * g_1 / dm.pair.aa, -dm.pair.na_2 * g_2 / dm.pair.aa
     for i in range(2):
-        mu, g, b, j = end(dm, i).mu, g_1 if i == 0 else g_2, z[ZB1 + i], 1 - i
+        mu, g, b, j = end(dm, i).mu_hit, g_1 if i == 0 else g_2, z[ZB1 + i], 1 - i
         v = length(a, b)
         if held and modes[i] != STICK:
             J[1 + i, i] = -mu * g * copysign(1.0, b)
@@ -211,7 +211,7 @@ def rub_rates(dm, modes, clock, z, out):
         out[ZS1 + i] = 0.0
         if modes[i] == SLIP:
             a, b = z[ZA], z[ZB1 + i]
-            A, L = slip_force(end(dm, i).mu, pace * force_in_clock(dm, clock, i, z[ZX1 + i]), *direction(a, b))
+            A, L = slip_force(end(dm, i).mu_hit, pace * force_in_clock(dm, clock, i, z[ZX1 + i]), *direction(a, b))
             out[ZS1 + i] = A * a + L * b
 
 
@@ -239,10 +239,10 @@ def hold_or_slip(dm, i, z, f_1, f_2, tol, lost):
     f_i, f_j = (f_1, f_2) if i == 0 else (f_2, f_1)
     z[ZA], z[ZB1 + i] = 0.0, 0.0
     drive = pull(dm, f_1, f_2)
-    side = -dm.pair.bb_12 * other.mu * f_j * copysign(1.0, z[ZB2 - i])
+    side = -dm.pair.bb_12 * other.mu_hit * f_j * copysign(1.0, z[ZB2 - i])
     if not lost and hold_left(own.mu_s, f_i, drive / dm.pair.aa, side / bb) >= 0.0:
         return STICK
-    d_a, d_b = outward_slip(drive, side, own.mu * f_i * dm.pair.aa, own.mu * f_i * bb)
+    d_a, d_b = outward_slip(drive, side, own.mu_hit * f_i * dm.pair.aa, own.mu_hit * f_i * bb)
     z[ZA], z[ZB1 + i] = 0.5 * tol * d_a, 0.5 * tol * d_b
     return SLIP
 

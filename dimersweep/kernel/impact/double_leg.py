@@ -95,7 +95,7 @@ def turning_time(dm, modes, z):
     if modes[0] == STICK or modes[1] == STICK:
         return least
     for i in range(2):
-        pace = end(dm, i).mu * lateral_of(dm, i) * force(dm, i, z[ZX1 + i])
+        pace = end(dm, i).mu_hit * lateral_of(dm, i) * force(dm, i, z[ZX1 + i])
         if pace > 0.0:
             least = min(least, length(z[ZA], z[ZB1 + i]) / pace)
     return least
@@ -129,7 +129,7 @@ def event_value(at, k):
         # all force vanishes where an impact ends: only its ratios decide
         f_1, f_2 = forces(dm, z, at.clock)
         return stick_reserve(dm, at.modes, i, z, f_1, f_2) / (f_1 + f_2) if f_1 + f_2 > 0.0 else 1.0
-    if at.modes[i] == STICK or end(dm, i).mu == 0.0:
+    if at.modes[i] == STICK or end(dm, i).mu_hit == 0.0:
         return inf
     v = length(base[ZA], base[ZB1 + i])
     return (z[ZA] * base[ZA] + z[ZB1 + i] * base[ZB1 + i]) / v - SLIP_ENDS_AT * at.tol if v > 0.0 else inf
@@ -165,7 +165,7 @@ def heed_slips(leg, z):
     dm, s, rates = leg.dm, leg.stride, leg.K[0]
     s.unit = 1.0
     for i in range(2):
-        v, mu = length(z[ZA], z[ZB1 + i]), end(dm, i).mu
+        v, mu = length(z[ZA], z[ZB1 + i]), end(dm, i).mu_hit
         if leg.modes[i] == SLIP and v > 0.0 and mu > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
             if rate < 0.0:
@@ -182,7 +182,7 @@ def stays_slow(dm, modes, z, slip_tol):
     """
     f_1, f_2 = force(dm, 0, z[ZX1]), force(dm, 1, z[ZX2])
     for i in range(2):
-        if modes[i] == SLIP and end(dm, i).mu > 0.0 and length(z[ZA], z[ZB1 + i]) <= slip_tol:
+        if modes[i] == SLIP and end(dm, i).mu_hit > 0.0 and length(z[ZA], z[ZB1 + i]) <= slip_tol:
             modes[i] = STICK
             room = stick_reserve(dm, modes, i, z, f_1, f_2)
             modes[i] = SLIP

@@ -37,7 +37,7 @@ from dimersweep.kernel.model.body import (
 )
 from dimersweep.kernel.model.contact_code import coded, impact_digit
 from dimersweep.kernel.model.event_row import log_phase, log_single
-from dimersweep.kernel.model.friction import holds_axially, slip_force
+from dimersweep.kernel.model.friction import hit, holds_axially, slip_force
 from dimersweep.kernel.model.layout import CA, CB, DIP, IMPACT, IMPACT_STEPS, N1, N2, OK, SLIP, SPIN, STICK, WB, WP
 from dimersweep.kernel.model.works import note_struck
 from dimersweep.kernel.numerics.elementary import length, raised
@@ -73,9 +73,13 @@ class DoubleImpact(NamedTuple):
 
 
 @compiled
-def restitution(e, tol):
-    """Coefficient of restitution, 0 where the rebound is far below the tolerance: its time scale, e, would be too short."""
-    return e if e > NO_REBOUND * tol else 0.0
+def restitution(p, V, tol):
+    """Coefficient of restitution of an end in an impact with the approach speed V [m/s].
+
+    It is 0 where the rebound is far below the tolerance: its time scale, e, would be too short. For slow impacts it must come
+    to p.e, with which the end of a chatter is summed.
+    """
+    return p.e if p.e > NO_REBOUND * tol else 0.0
 
 
 @compiled
@@ -85,7 +89,7 @@ def end_law(dm, i, both, sin_b, cos_b, e):
     own, other = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     w, wj = delassus(dm, own, own), delassus(dm, other, own)
     m = dm.m
-    return EndLaw(m * w.nn, m * w.na, m * w.aa, m * w.bb, m * wj.nn, m * wj.na, both, e, p.mu, p.mu_s)
+    return EndLaw(m * w.nn, m * w.na, m * w.aa, m * w.bb, m * wj.nn, m * wj.na, both, e, p.mu_hit, p.mu_s)
 
 
 @compiled
@@ -110,10 +114,10 @@ def acts(d, i):
     na_i, na_j = (w.na_1, w.na_2) if i == 0 else (w.na_2, w.na_1)
     v = length(z[ZA], z[ZB1 + j])
     if v > d.slip_tol:
-        friction, _ = slip_force(other.mu, 1.0, z[ZA], 0.0)
+        friction, _ = slip_force(other.mu_hit, 1.0, z[ZA], 0.0)
         tau = friction / v
     else:
-        tau = -na_j / w.aa if holds_axially(other.mu_s, na_j, w.aa) else -copysign(other.mu, na_j)
+        tau = -na_j / w.aa if holds_axially(other.mu_s, na_j, w.aa) else -copysign(other.mu_hit, na_j)
     return w.nn_12 + na_i * tau < 0.0
 
 
@@ -127,8 +131,9 @@ def single_impact(dm, state, i, V, tol, work, log):
         OK or the reason; STICK or SLIP at the end; rows logged.
     """
     p, (sin_b, cos_b) = end(dm, i), attitude(dm, state[DIP])
-    law = end_law(dm, i, 0.0, sin_b, cos_b, restitution(p.e, tol))
     n, a, b = contact_velocity(dm, state, i)
+    hit(p, length(a, b))
+    law = end_law(dm, i, 0.0, sin_b, cos_b, restitution(p, V, tol))
     slip_tol = max(IMPACT_SLIP_SCALE * tol, slip_rounding(dm, state) / V)
     blow = work.course[0].blow
     begin_blow(blow, n / V, a / V, b / V, 0.0, 0.0)
@@ -195,7 +200,9 @@ def begin_double(d, state, tol):
     z[ZA], z[ZB1], z[ZB2] = a / V, b_1 / V, b_2 / V
     copy(z, d.start, N_Z)
     d.compressing[0], d.compressing[1] = 1.0, 1.0
-    d.e[0], d.e[1] = restitution(dm.p1.e, tol), restitution(dm.p2.e, tol)
+    d.e[0], d.e[1] = restitution(dm.p1, V, tol), restitution(dm.p2, V, tol)
+    hit(dm.p1, length(a, b_1))
+    hit(dm.p2, length(a, b_2))
 
 
 @compiled

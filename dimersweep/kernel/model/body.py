@@ -36,7 +36,7 @@ STICK_MARGIN = 1e-9
 def set_friction(p, mu, mu_s, mu_h):
     """Fill in the friction of an end; that which sticks is a little more than that which slips."""
     least = mu * (1.0 + STICK_MARGIN)
-    p.mu, p.mu_s, p.mu_h = mu, max(mu_s, least), max(mu_h, least)
+    p.mu, p.mu_hit, p.mu_s, p.mu_h = mu, mu, max(mu_s, least), max(mu_h, least)
 
 
 @compiled

@@ -30,6 +30,18 @@ def direction(a, b):
 # --- slip -------------------------------------------------------------------------------------------------------------
 
 
+@compiled(inline=True)
+def slip_mu(p, v):
+    """Coefficient of friction of an end that slips at the speed v [m/s]: Coulomb's is the same at all speeds."""
+    return p.mu
+
+
+@compiled(inline=True)
+def hit(p, v):
+    """An impact begins with the slip v [m/s] of an end: so short a time has one coefficient, that of this speed."""
+    p.mu_hit = slip_mu(p, v)
+
+
 @compiled
 def slip_force(mu, F, c, s):
     """Axial and lateral friction of an end that slips in the direction (c, s) under the normal force F."""

@@ -24,6 +24,7 @@ class End:
     h: float  # place of the ball's centre on the axis from p1 to p2, counted from the centre of mass: negative for p1 [m]
     e: float  # energetic restitution [1]
     mu: float  # slip and stick friction coefficients [1]
+    mu_hit: float  # slip, in the impact that goes on (``friction.hit``)
     mu_s: float  # stick inside impacts
     mu_h: float  # stick of a lasting contact
     k: float  # stiffness of the contact in impacts, in units of that of p1 [1]
