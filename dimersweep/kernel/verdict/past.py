@@ -12,7 +12,7 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import contact_velocity, extent
 from dimersweep.kernel.model.layout import AT, DI_SP_SP, FREE, SLIP, STICK
 from dimersweep.kernel.numerics.elementary import atan2, length
-from dimersweep.kernel.verdict.track import Track
+from dimersweep.kernel.verdict.track import TrackState
 
 HOP_LINE = 0.5
 NOTED = 0.4  # hops from which on landings are kept: one just below the line may go with one just above it
@@ -78,7 +78,7 @@ class Past:
     held: float  # for how many periods both ends have stuck
     spare: Annotated[list[float], 12]
     runs: Annotated[list[float], 24]  # in place p for how many periods the motion has repeated with period p
-    track: Track
+    track: TrackState
     strobes: Annotated[list[Strobe], RING]
     doubles: Annotated[list[Double], RING]
     landings: Annotated[list[Landing], RING]

@@ -17,7 +17,7 @@ TURNED_BACK = 0.1  # turning of the heading [rad] that counts: less is straight,
 STANDS = 0.01  # speed of a circle's centre, in that of the dimer, below which it stands
 
 
-class Point(NamedTuple):
+class Fix(NamedTuple):
     """A point of a track, or the way from one to another [s], [m], [rad]."""
 
     time: float
@@ -26,15 +26,15 @@ class Point(NamedTuple):
     heading: float
 
 
-class Track:
+class TrackState:
     """What is kept of a track: what it is, and a turn under way."""
 
     begun: float  # whether there is one
     kind: float  # see `layout.TRACKS`
     u_x: float  # velocity of its centre [m s-1]
     u_y: float
-    start: Point  # where the turn began
-    last: Point  # at the last period boundary
+    start: Fix  # where the turn began
+    last: Fix  # at the last period boundary
     far: float  # of the turn: furthest heading [rad]
     bend: float  # turning of the velocity [rad]
     length: float  # of the path [m]
@@ -53,7 +53,7 @@ def put(now, point):
 @compiled
 def way_to(now, point):
     """The way to a point from one in a record."""
-    return Point(now.time - point.time, now.x - point.x, now.y - point.y, now.heading - point.heading)
+    return Fix(now.time - point.time, now.x - point.x, now.y - point.y, now.heading - point.heading)
 
 
 @compiled
@@ -62,9 +62,9 @@ def follow_track(track, now, no_speed):
 
     Parameters
     ----------
-    track : Track
+    track : TrackState
         Not begun before its first point; modified in place.
-    now : Point
+    now : Fix
     no_speed : float
         Speed below which a velocity has no direction [m/s].
     """
@@ -140,7 +140,7 @@ def centre_velocity(way, step):
 
     Parameters
     ----------
-    way, step : Point
+    way, step : Fix
         Since the turn began, which is the first that is whole; and the last step of it.
     """
     over = way.heading - (TWO_PI if way.heading > 0.0 else -TWO_PI)
