@@ -86,6 +86,22 @@ def open_ends_stay_so(dm, c, state, time):
     return stays and (c.modes[1] != FREE or stays_open(dm, state, 1, time))
 
 
+@compiled(inline=True)
+def slow_ends(state, fast):
+    """Which ends on the plate leave it no faster than this; none if they all rest on it."""
+    may_1 = state[D1] == 0.0 and 0.0 <= state[N1] <= fast
+    may_2 = state[D2] == 0.0 and 0.0 <= state[N2] <= fast
+    moves = (may_1 and state[N1] > 0.0) or (may_2 and state[N2] > 0.0)
+    return may_1 and moves, may_2 and moves
+
+
+@compiled(inline=True)
+def faint_rate(dm, state, tol, events):
+    """Gap rate that may be lost, or what the errors of so many events add up to, where no end lands faster than that."""
+    faint, spread = CLOSE_COST * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
+    return spread if spread > faint and lands_slowly(dm, state, spread) else faint
+
+
 @compiled
 def come_to_rest(dm, c, state, tol, events, energy):
     """Close the ends whose chatter is as good as over; the state is updated.
@@ -109,13 +125,10 @@ def come_to_rest(dm, c, state, tol, events, energy):
     modes = c.modes
     quickest = 2.0 * tempo(dm) / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
     fast = raised(CLOSE_COST * tol * dm.v_scale / (quickest * quickest), 1.0 / 3.0)
-    faint, spread = CLOSE_COST * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
-    if spread > faint and lands_slowly(dm, state, spread):
-        faint = spread
-    may_1 = state[D1] == 0.0 and 0.0 <= state[N1] <= fast
-    may_2 = state[D2] == 0.0 and 0.0 <= state[N2] <= fast
-    if not (may_1 and state[N1] > 0.0) and not (may_2 and state[N2] > 0.0):
+    may_1, may_2 = slow_ends(state, fast)
+    if not may_1 and not may_2:
         return NOTHING
+    faint = faint_rate(dm, state, tol, events)
     for _ in range(4):
         if not may_1 and not may_2:
             break

@@ -150,18 +150,9 @@ def _judge(declared: Borders) -> None:
         for kind in curves.kinds:
             if kind not in BORDER_KINDS:
                 raise ParameterError(f"curves.kinds: {unknown(kind, 'border', BORDER_KINDS)}")
-    part = curves or branches or families
-    sections = {"over": declared.over, "fixed": declared.fixed}
-    for section, name in ((section, name) for section, names in sections.items() for name in names):
-        check_name(name)
-        # a branch begins at a fixed value of its parameter
-        if name == getattr(part, "parameter", None) and (curves or section == "over"):
-            raise ParameterError(f"{section}.{name}: is what the {declared.what} are solved for")
-        if section == "over" and name in declared.fixed:
-            raise ParameterError(f"over.{name}: is fixed, too")
-        rolls_up = name == "xdot0" and part is not None and part.spin is None  # to the spin: of curves, at one point
-        if name in (*START, "phi0") and not (rolls_up and not (curves and section == "over")):
-            raise ParameterError(f"{section}.{name}: is of a start, and changes no orbit")
+    for section, names in {"over": declared.over, "fixed": declared.fixed}.items():
+        for name in names:
+            _judge_name(declared, section, name)
     for point in declared.points():
         given = checked(point)
         if families is not None:
@@ -172,6 +163,20 @@ def _judge(declared: Borders) -> None:
             checked_spin(branches.spin, given)
             for end in branches.ends:
                 checked_spin(end, given) if branches.parameter == "spin" else checked(given | {branches.parameter: end})
+
+
+def _judge_name(declared: Borders, section: str, name: str) -> None:
+    """Refuse a parameter that a section must not have."""
+    curves, part = declared.curves, declared.curves or declared.branches or declared.families
+    check_name(name)
+    # a branch begins at a fixed value of its parameter
+    if name == getattr(part, "parameter", None) and (curves or section == "over"):
+        raise ParameterError(f"{section}.{name}: is what the {declared.what} are solved for")
+    if section == "over" and name in declared.fixed:
+        raise ParameterError(f"over.{name}: is fixed, too")
+    rolls_up = name == "xdot0" and part is not None and part.spin is None  # to the spin: of curves, at one point
+    if name in (*START, "phi0") and not (rolls_up and not (curves and section == "over")):
+        raise ParameterError(f"{section}.{name}: is of a start, and changes no orbit")
 
 
 def make_borders(

@@ -243,6 +243,12 @@ def add(blow, P, A, B, slip):
     blow.P, blow.A, blow.B, blow.slip = blow.P + P, blow.A + A, blow.B + B, blow.slip + slip
 
 
+@compiled(inline=True)
+def reached(c, row, order, xi, zero):
+    """A row of the expansion at xi, or what it is where it vanishes."""
+    return 0.0 if xi == zero else at(c, row, order, xi)[0]
+
+
 @compiled
 def turning_leg(law, blow, tol, work):
     """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
@@ -275,10 +281,8 @@ def turning_leg(law, blow, tol, work):
         blow.a, blow.b = at(c, A_A, order, xi)[0], b * exp(-law.mu * law.bb * xi)
         dP, _ = at(c, A_P, order, xi)
         P, A, B = P + dP, A + (blow.a - a - law.na * dP) / law.aa, B + (blow.b - b) / law.bb
-        # what vanishes there is zero
-        blow.n = 0.0 if xi == xi_n else at(c, A_N, order, xi)[0]
-        blow.E = 0.0 if xi == xi_E else at(c, A_E, order, xi)[0]
-        blow.n_j = 0.0 if xi == xi_j else at(c, A_J, order, xi)[0]
+        blow.n, blow.E = reached(c, A_N, order, xi, xi_n), reached(c, A_E, order, xi, xi_E)
+        blow.n_j = reached(c, A_J, order, xi, xi_j)
         v = length(blow.a, blow.b)
         stopped = v <= slip_end
         ended = xi == xi_n or xi == xi_E or xi == xi_j or stopped
