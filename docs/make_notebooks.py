@@ -10,8 +10,8 @@ from pathlib import Path
 import nbformat
 from nbclient import NotebookClient
 
-from dimersweep.studies.datasets import make
-from dimersweep.studies.declaration import read_declaration
+from dimersweep import make
+from dimersweep.studies.declared import read_declaration
 
 ROOT = Path(__file__).resolve().parents[1]
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))

@@ -62,8 +62,8 @@ def small_cubes(tmp_path_factory):
     """The folder of the cubes of all small presets."""
     if os.environ.get("DIMERSWEEP_CUBES"):
         return Path(os.environ["DIMERSWEEP_CUBES"])
-    from dimersweep.studies.datasets import make
-    from dimersweep.studies.declaration import read_declaration
+    from dimersweep import make
+    from dimersweep.studies.declared import read_declaration
 
     folder = tmp_path_factory.mktemp("cubes")
     for preset in sorted((ROOT / "sweeps").glob("*-small.toml")):

@@ -5,9 +5,8 @@ import time
 from pathlib import Path
 
 import dimersweep.runs.solving
-from dimersweep import sweep
-from dimersweep.studies.datasets import make
-from dimersweep.studies.declaration import read_declaration
+from dimersweep import make, sweep
+from dimersweep.studies.declared import read_declaration
 from dimersweep.studies.search import search
 
 GRID = {"Gamma": [0.5, 0.9, 1.2], "beta0": {"start": 0.2, "stop": 80, "num": 110, "unit": "deg"}}

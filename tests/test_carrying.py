@@ -19,7 +19,7 @@ from dimersweep.kernel.model.layout import CODE_STATUS, D1, D2, DIP, JAMMED, M_D
 from dimersweep.parameters import Parameters, dimer_from
 from dimersweep.runs import carrying, solving, starting
 from dimersweep.runs.solving import RunSettings
-from dimersweep.studies.declaration import read_declaration
+from dimersweep.studies.declared import read_declaration
 from dimersweep.studies.making import points_in
 from dimersweep.studies.planning import plan
 from dimersweep.studies.study import Study

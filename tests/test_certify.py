@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 import dimersweep
-from dimersweep import Parameters
+from dimersweep import Parameters, make
 from dimersweep.cubes.cube import FLAGS, names
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import CODES, M_APERIODIC, M_DRIFT, M_REST, M_UNRESOLVED, OUT
 from dimersweep.runs.shadows import CERTAIN, CHANGED, ORBIT, UNSURE, certified, compared, orbit_difference
 from dimersweep.runs.solving import RunSettings, run_all_patiently
-from dimersweep.studies.datasets import make
-from dimersweep.studies.declaration import from_cube, read_declaration
+from dimersweep.studies.declared import from_cube, read_declaration
 
 GRID = {"Gamma": [0.7, 0.9], "beta0": {"start": 4, "stop": 60, "num": 8, "unit": "deg"}}
 SETTINGS = {"periods": 100, "progress": False, "workers": 1}

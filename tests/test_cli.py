@@ -387,9 +387,9 @@ def interrupted_in(call, monkeypatch):
 # of each command: its arguments, and places where a signal may find it
 COMMANDS = {
     "simulate": (["--periods", "3"], ["parameters.Parameters", "runs.simulating.simulate"]),
-    "run": (["small.toml"], ["studies.declaration.read_declaration", "studies.making.make_cube"]),
+    "run": (["small.toml"], ["studies.declared.read_declaration", "studies.making.make_cube"]),
     "presets": ([], ["studies.presets.presets"]),
-    "plan": (["small.toml"], ["studies.declaration.read_declaration", "studies.planning.plan"]),
+    "plan": (["small.toml"], ["studies.declared.read_declaration", "studies.planning.plan"]),
     "status": (["absent.nc"], ["studies.status.status"]),
     "plot": (["absent.nc"], ["plots.check_picture", "storage.cubefiles.open_cube"]),
     "explore": (["absent.nc"], ["storage.cubefiles.open_cube"]),

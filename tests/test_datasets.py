@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from dimersweep import make
 from dimersweep.cubes.cube import FLAGS
-from dimersweep.cubes.reading import circle_through
+from dimersweep.cubes.findings import circle_through
 from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
 from dimersweep.storage.cubefiles import open_cube
-from dimersweep.studies.datasets import make
-from dimersweep.studies.declaration import from_cube, read_declaration
+from dimersweep.studies.declared import from_cube, read_declaration
 from tests.checks.conform import conforms
 
 SWEEPS = Path(__file__).parents[1] / "sweeps"

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dimersweep import orbits, simulate
+from dimersweep.runs.growth import multipliers
 from dimersweep.runs.period_map import NAMES, Section
-from dimersweep.runs.stability import multipliers
 
 
 @pytest.fixture(scope="module")

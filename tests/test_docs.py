@@ -25,7 +25,7 @@ import dimersweep
 from dimersweep import refine, search, sweep
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.studies.border_files import Borders
-from dimersweep.studies.declaration import Declaration, read_declaration
+from dimersweep.studies.declared import Declaration, read_declaration
 from dimersweep.symbols import Picture
 
 ROOT = Path(__file__).parents[1]
@@ -227,7 +227,7 @@ for names in (*([name] for name in sys.argv[1:]), sys.argv[:0:-1]):
         print(names)
 """
     first = {name.rpartition(".")[0]: name for name in PAGES_OF_NAMES if "." in name and name[0].islower()}
-    assert {"plots", "errors", "cubes.reading", "runs.outcome"} <= first.keys()
+    assert {"plots", "errors", "cubes.findings", "runs.outcomes"} <= first.keys()
     told = {"capture_output": True, "text": True, "cwd": ROOT}
     done = subprocess.run([sys.executable, "-c", program, *first.values()], check=False, **told)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr

@@ -21,7 +21,7 @@ from dimersweep.cubes.results import Tile
 from dimersweep.errors import ParameterError, StoreError, UserError
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.tilestore import tile_store
-from dimersweep.studies.declaration import Declaration, read_declaration
+from dimersweep.studies.declared import Declaration, read_declaration
 from dimersweep.studies.point_tables import point_table
 from dimersweep.studies.status import status
 from dimersweep.studies.sweep import study_of

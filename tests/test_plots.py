@@ -10,7 +10,7 @@ from PIL import Image
 
 import dimersweep
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import circle_through, edges_of, minimum, search_summary
+from dimersweep.cubes.findings import circle_through, edges_of, minimum, search_summary
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
 from dimersweep.plots import (

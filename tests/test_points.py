@@ -6,10 +6,10 @@ import pytest
 from scipy.stats import qmc
 
 import dimersweep
+from dimersweep import make
 from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
-from dimersweep.studies.datasets import make
-from dimersweep.studies.declaration import read_declaration
+from dimersweep.studies.declared import read_declaration
 
 pytestmark = pytest.mark.jit
 QUIET = {"periods": 120, "progress": False}

@@ -5,8 +5,8 @@ import pytest
 import xarray as xr
 
 from dimersweep.cubes.cube import blank, build
+from dimersweep.cubes.findings import boundary, circle_through, exponents, minimum, runs_of, stick_ratio
 from dimersweep.cubes.grid import make_grid
-from dimersweep.cubes.reading import boundary, circle_through, exponents, minimum, runs_of, stick_ratio
 from dimersweep.cubes.results import blank_results
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import CODES, M_DRIFT, M_REST, OUT

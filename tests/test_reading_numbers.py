@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import linregress
 
-from dimersweep.cubes.reading import edges_of, exponents
+from dimersweep.cubes.findings import edges_of, exponents
 from tests.test_reading import cube_of
 
 

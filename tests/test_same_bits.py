@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import dimersweep
+from dimersweep import make
 from dimersweep.cubes.cube import build, signed
 from dimersweep.cubes.results import Tile
 from dimersweep.storage.provenance import attributes
 from dimersweep.storage.tilestore import tiles_of
-from dimersweep.studies.datasets import make
-from dimersweep.studies.declaration import read_declaration
+from dimersweep.studies.declared import read_declaration
 from dimersweep.studies.search import search
 from dimersweep.studies.status import status
 from dimersweep.studies.sweep import study_of

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import runs_of
+from dimersweep.cubes.findings import runs_of
 from dimersweep.cubes.results import Tile
 from dimersweep.errors import ParameterError, Stopped, StoreError, UnfinishedError
 from dimersweep.kernel.model.layout import M_DRIFT, MODES

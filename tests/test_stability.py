@@ -10,8 +10,8 @@ from scipy.optimize import brentq
 from dimersweep import Parameters, simulate
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE
+from dimersweep.runs.growth import lyapunov, multipliers, of_orbit, orthogonal, qr_growth, spectrum
 from dimersweep.runs.period_map import Section
-from dimersweep.runs.stability import lyapunov, multipliers, of_orbit, orthogonal, qr_growth, spectrum
 from dimersweep.runs.tangent import Tangents
 
 G = 9.81

@@ -11,7 +11,7 @@ from dimersweep import load_run, names, orbits, refine, search, simulate, sweep
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.parameters import Parameters
-from dimersweep.studies.declaration import Declaration
+from dimersweep.studies.declared import Declaration
 from dimersweep.symbols import BASE, LEFT_OUT, START, STATE_QUANTITIES
 from tests import oracle
 from tests.checks.scenes import UNITS, difference, engine_states, sample_times, started_scene

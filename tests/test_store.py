@@ -24,7 +24,7 @@ from dimersweep.storage.cubefiles import count_modes, open_cube, write_cube
 from dimersweep.storage.files import HALF, replacing
 from dimersweep.storage.outputs import check_output
 from dimersweep.storage.provenance import attributes, digest
-from dimersweep.studies.declaration import from_cube
+from dimersweep.studies.declared import from_cube
 from dimersweep.studies.status import status
 
 

@@ -30,7 +30,7 @@ from dimersweep.kernel.model.layout import (
     ROW_BETA0,
 )
 from dimersweep.storage.provenance import OURS
-from dimersweep.studies.declaration import from_cube
+from dimersweep.studies.declared import from_cube
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep import study_of
 from dimersweep.work import proving

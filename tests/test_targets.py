@@ -123,9 +123,9 @@ def test_workers_with_different_targets_finish_a_sweep(tmp_path):
 
 def answer(folder, *presets):
     """Print what `bits_of` reads."""
+    from dimersweep import make
     from dimersweep.kernel import kernel_version
-    from dimersweep.studies.datasets import make
-    from dimersweep.studies.declaration import read_declaration
+    from dimersweep.studies.declared import read_declaration
 
     bits = {}
     for path in map(Path, presets):

@@ -135,7 +135,7 @@ def known_results(scene: Scene) -> tuple[Any, Any]:
     """The sweep that is declared, and the results of its points, of a process of their own."""
     import numpy as np
 
-    from dimersweep.studies.declaration import read_declaration
+    from dimersweep.studies.declared import read_declaration
 
     spec: Any = read_declaration(scene.folder / "sweep.toml").study()
     place = scene.stock.folder / "results.npy"

@@ -67,8 +67,8 @@ def _(scene: Scene) -> str | None:
     def call() -> None:
         from concurrent.futures import ThreadPoolExecutor
 
-        from dimersweep.studies.datasets import make
-        from dimersweep.studies.declaration import read_declaration
+        from dimersweep import make
+        from dimersweep.studies.declared import read_declaration
 
         declared = read_declaration(scene.folder / "sweep.toml")
         with ThreadPoolExecutor(3) as threads:

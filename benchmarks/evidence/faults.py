@@ -120,7 +120,7 @@ def main() -> None:
     given = parser.parse_args()
     from dimersweep.work.proving import prove
 
-    for name in ("cli.sweeping", "cubes.reading", "plots", "storage.formats", "studies.datasets", "studies.status"):
+    for name in ("cli.sweeping", "cubes.findings", "plots", "storage.formats", "studies.declared", "studies.status"):
         import_module(f"dimersweep.{name}")
     prove()  # children find all loaded
     chosen = {name: attack for name, attack in ATTACKS.items() if given.only in name}

@@ -21,7 +21,7 @@ from dimersweep import simulate, sweep
 from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import run_many
 from dimersweep.parameters import Parameters
-from dimersweep.studies import declaration
+from dimersweep.studies import declared as declaration
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES: dict[str, dict[str, float]] = {  # what is not named is the paper's base case

@@ -19,7 +19,7 @@ LAST_PORT = 65535
 if TYPE_CHECKING:
     import xarray as xr
 
-    from dimersweep.studies.declaration import Declaration
+    from dimersweep.studies.declared import Declaration
     from dimersweep.studies.study import Study
 
 
@@ -69,7 +69,7 @@ def explore(
 
 def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
     """`cube` at the value of an axis that is nearest to the one in `text`, such as f=15."""
-    from dimersweep.cubes.reading import nearest
+    from dimersweep.cubes.findings import nearest
 
     name, _, value = text.partition("=")
     if name not in cube.dims:
@@ -142,7 +142,7 @@ def _mark_in(picture: Path) -> str | None:
 def print_cube(cube: "xr.Dataset") -> None:
     """The tally of modes, or of a search's answers and runs; for segments, the length of each row."""
     from dimersweep.cubes.cube import names
-    from dimersweep.cubes.reading import drift_lengths, search_summary
+    from dimersweep.cubes.findings import drift_lengths, search_summary
     from dimersweep.storage.cubefiles import modes_in
 
     if "answer" in cube:

@@ -11,7 +11,7 @@ import typer
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, in_lines, number_option, option, whole_option, with_parameters
 from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
-from dimersweep.runs.outcome import Absent
+from dimersweep.runs.outcomes import Absent
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, Periods, Rtol, Workers, argument, option
 
 if TYPE_CHECKING:
-    from dimersweep.studies.declaration import Declaration
+    from dimersweep.studies.declared import Declaration
 
 PRESET = "Declaration of the sweep: a file, or a preset such as fig07."
 
@@ -88,7 +88,7 @@ def _declared(
         raise typer.BadParameter("give either SWEEP.toml or --from CUBE")
     if declaration is None and out is None:
         raise typer.BadParameter("--from CUBE needs --out, the cube to write")
-    from dimersweep.studies.declaration import from_cube, read_declaration
+    from dimersweep.studies.declared import from_cube, read_declaration
     from dimersweep.studies.presets import find_declaration
 
     if declaration is not None:

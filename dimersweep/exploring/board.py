@@ -12,7 +12,7 @@ from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LinearColorMappe
 from bokeh.plotting import figure
 
 from dimersweep.cubes.cube import check_codes, names
-from dimersweep.cubes.reading import edges_of, is_geometric
+from dimersweep.cubes.findings import edges_of, is_geometric
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots import run_figure

@@ -13,7 +13,19 @@ from dimersweep.orbits.edges import Edge, edge
 from dimersweep.orbits.families import family, later
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import follow
+from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.plane_curve import border_curve
 
-__all__ = ["Edge", "PeriodicOrbit", "border", "border_curve", "edge", "family", "find", "follow", "later"]
+__all__ = [
+    "BORDER_KINDS",
+    "Edge",
+    "PeriodicOrbit",
+    "border",
+    "border_curve",
+    "edge",
+    "family",
+    "find",
+    "follow",
+    "later",
+]

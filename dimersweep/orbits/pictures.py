@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 from scipy.interpolate import PchipInterpolator
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import edges_of
+from dimersweep.cubes.findings import edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.kinds import BORDER_KINDS, STABLE_FROM, STABLE_TO
 from dimersweep.plots.style import Drawing, entitle, given, log_scale, mark

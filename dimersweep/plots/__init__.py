@@ -3,7 +3,7 @@
 import xarray as xr
 from matplotlib.figure import Figure
 
-from dimersweep.cubes.reading import drift_intervals, drift_lengths
+from dimersweep.cubes.findings import drift_intervals, drift_lengths
 from dimersweep.errors import ParameterError
 from dimersweep.plots.attractors import attractors
 from dimersweep.plots.judging import judge_cube

@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from dimersweep.cubes.reading import edges_of, is_geometric, over_axes
+from dimersweep.cubes.findings import edges_of, is_geometric, over_axes
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube

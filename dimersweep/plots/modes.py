@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import dip_range, drift_intervals, drift_lengths, edges_of, is_geometric
+from dimersweep.cubes.findings import dip_range, drift_intervals, drift_lengths, edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.judging import judge_cube

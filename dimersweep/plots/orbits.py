@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.reading import circle_through, edges_of, exponents, minimum, runs_of, stick_ratio
+from dimersweep.cubes.findings import circle_through, edges_of, exponents, minimum, runs_of, stick_ratio
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.judging import judge_cube

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import check_codes, kernel_number, names
-from dimersweep.cubes.reading import nearest
+from dimersweep.cubes.findings import nearest
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version

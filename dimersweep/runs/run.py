@@ -30,7 +30,7 @@ from dimersweep.kernel.model.layout import (
     RunNumbers,
 )
 from dimersweep.parameters import Parameters
-from dimersweep.runs.outcome import Absent, Orbit, no_orbit
+from dimersweep.runs.outcomes import Absent, Orbit, no_orbit
 from dimersweep.runs.recorded import RunRecord, events_of, made_with, named_state, states_of
 from dimersweep.runs.solving import RunEnd, RunSettings, Solved, check_recorded, exactly, go_on, run_row
 from dimersweep.runs.starting import fitted, kernel_start

@@ -19,7 +19,7 @@ from dimersweep.kernel.model.layout import CODES, RUN_COLUMNS
 from dimersweep.kernel.record import N_SEGMENT
 from dimersweep.kernel.verdict.past import PAST_SHAPE
 from dimersweep.parameters import Parameters, updated
-from dimersweep.runs.outcome import Absent, Orbit, no_orbit
+from dimersweep.runs.outcomes import Absent, Orbit, no_orbit
 from dimersweep.runs.recorded import RunRecord
 from dimersweep.runs.solving import RunEnd
 from dimersweep.storage.checking import changed, told_by

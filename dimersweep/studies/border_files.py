@@ -33,7 +33,7 @@ from dimersweep.storage.formats.netcdf import read_netcdf, write_netcdf
 from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.storage.store import Store, StoredTile, finished_at, opened_store
-from dimersweep.studies.declaration import read_sections
+from dimersweep.studies.declared import read_sections
 from dimersweep.symbols import PARAMETERS, START
 from dimersweep.work.computing import settle_way
 

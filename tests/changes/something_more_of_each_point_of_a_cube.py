@@ -26,5 +26,5 @@ except dimersweep.StoreError:
 else:
     raise AssertionError("a cube without the number was taken for one with it")
 Path("file.toml").write_text(FILE)
-declared = dimersweep.studies.declaration.read_declaration("file.toml")
-assert dimersweep.studies.datasets.make(declared, "file.nc", progress=False).equals(cube)
+declared = dimersweep.read_declaration("file.toml")
+assert dimersweep.make(declared, "file.nc", progress=False).equals(cube)

@@ -11,7 +11,7 @@ from dimersweep import Run, orbits, search, simulate, sweep
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.layout import M_DRIFT, M_NOT_RUN
 from dimersweep.orbits import PeriodicOrbit
-from dimersweep.runs.outcome import Absent, Orbit
+from dimersweep.runs.outcomes import Absent, Orbit
 from dimersweep.symbols import BASE
 
 READINGS = {"mu_s": "an end at rest is held by mu_s", "mu": "in lasting contact it is held by mu"}

@@ -5,7 +5,7 @@ from lab import Lab, drift_orbit
 from ledger import Finding, claim, found
 
 from dimersweep import Run, names
-from dimersweep.cubes.reading import circle_through
+from dimersweep.cubes.findings import circle_through
 from dimersweep.orbits.kinds import ball_fold
 
 

@@ -9,7 +9,7 @@ from sect3 import state_shares
 from sect4 import drifting, span
 
 from dimersweep import names, search, simulate
-from dimersweep.cubes.reading import (
+from dimersweep.cubes.findings import (
     Minimum,
     PowerLaw,
     exponents,

@@ -1,0 +1,90 @@
+"""The orbit that a run has come to, as labelled numbers."""
+
+from dataclasses import dataclass
+from math import nan
+from typing import Any
+
+from dimersweep.errors import AbsentError
+from dimersweep.kernel.model.layout import OrbitNumbers
+
+
+class Absent:
+    """In place of what a run does not have: false, and whatever is asked of it says why.
+
+    Parameters
+    ----------
+    why : str
+        In one line, what there is instead.
+    """
+
+    def __init__(self, why: str) -> None:
+        self._why = why
+
+    def __bool__(self) -> bool:
+        return False
+
+    def __eq__(self, other: object) -> bool:
+        return other is None or (isinstance(other, Absent) and other._why == self._why)
+
+    def __hash__(self) -> int:
+        return hash(self._why)
+
+    def __repr__(self) -> str:
+        return f"<none: {self._why}>"
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)  # asked by Python itself, as in a copy
+        raise AbsentError(f"{name}: {self._why}")
+
+    def __getitem__(self, name: Any) -> Any:
+        raise AbsentError(f"{name}: {self._why}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Orbit(OrbitNumbers):
+    """The orbit of a drift: values of its last full period, and the change of each per period, fitted over the last 20.
+
+    Attributes
+    ----------
+    radius : float
+        Equivalent radius (11), speed over precession rate [m]; NaN for a straight path, which has none.
+    path_radius : float
+        Radius of the mean path of the centre of mass, as a camera sees it [m]; NaN for a straight path. Of the forcing period
+        that follows the run, as is `path_speed`.
+    period : float
+        Time once round [s], for either radius; NaN for a straight path.
+    zeta : float
+        Angle from the axis (from the ball that is down to the one that bounces) to the velocity [rad].
+    speed : float
+        Speed of the centre of mass at the end of the double impact [m s-1].
+    path_speed : float
+        Speed along the mean path [m s-1]: 2 pi path_radius / period.
+    precession_rate : float
+        Mean rate of theta, signed [rad s-1].
+    impact_phase : float
+        Phase of the double impact in cycles of the plate, in [0, 1) [1].
+    di_end : str
+        Friction of the end that stays down, then of the other one, when the double impact ends: sp_sp, sp_sk, sk_sp or sk_sk.
+    spin, beta_rate_after : float
+        Axial spin, and rate of the dip angle, after the double impact [rad s-1].
+    radius_drift, period_drift, zeta_drift, speed_drift, precession_rate_drift, impact_phase_drift : float
+        Change per forcing period, in the unit of the quantity.
+    spin_drift : float
+        The same of `spin`: the creep along the family of orbits that the drift goes through [rad s-1].
+
+    Examples
+    --------
+    >>> from dimersweep import simulate
+    >>> orbit = simulate(periods=200).orbit
+    >>> round(orbit.radius, 3), round(orbit.period, 2), orbit.di_end
+    (4.245, 36.9, 'sp_sk')
+    """
+
+    di_end: str
+    spin_drift: float = nan
+
+
+def no_orbit(mode: str) -> Absent:
+    """What stands in place of the orbit of a motion that is no drift."""
+    return Absent(f"the motion is {mode}, and only a drift has an orbit")

@@ -1,0 +1,378 @@
+"""Sweeps declared in a file, or told by a cube: TOML in, checked for unknown words, and a study, or its cube, out."""
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar, get_args
+
+import xarray as xr
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from dimersweep.cubes.grid import axis_values, fixed_value, without_directions
+from dimersweep.errors import ParameterError, StoreError, one_line, unknown
+from dimersweep.inputs import check_count, check_rtol
+from dimersweep.parameters import check
+from dimersweep.storage.cubefiles import open_cube
+from dimersweep.storage.files import read_text
+from dimersweep.storage.outputs import check_ending
+from dimersweep.storage.provenance import differences
+from dimersweep.studies import refine, search, sweep
+from dimersweep.studies.making import make_cube
+from dimersweep.studies.point_tables import point_table
+from dimersweep.studies.study import Study
+from dimersweep.symbols import PARAMETERS, Picture
+
+MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
+
+
+class SweepFileSection(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class SweepSection(SweepFileSection):
+    """What to compute and where to put it."""
+
+    title: str | None = None
+    periods: Annotated[int, AfterValidator(partial(check_count, "sweep.periods"))]
+    max_periods: int | None = None
+    rtol: Annotated[float, AfterValidator(check_rtol)] = 1e-8
+    stop_when_settled: bool = True
+    certify: bool = False
+    strobes: int = 0
+    carry: Literal["up", "down", "both"] | None = None
+    output: Annotated[str, AfterValidator(partial(check_ending, name="sweep.output"))]
+
+
+class PointsSection(SweepFileSection):
+    """Single points in place of a grid: from a file, listed, or drawn from ranges."""
+
+    file: str | None = None
+    columns: dict[str, Any] = Field(default_factory=dict)
+    ranges: dict[str, Any] = Field(default_factory=dict)
+    sample: Literal["random", "latin_hypercube", "sobol"] | None = None
+    number: int | None = None
+    seed: int | None = None
+
+
+class SearchSection(SweepFileSection):
+    """A question about one axis, in place of every point of it."""
+
+    over: str
+    ask: Literal["any", "all", "first", "fraction"] = "any"
+    mode: str = "drift"
+    orbit_periods: int = 0
+
+
+class RefineSection(SweepFileSection):
+    """How far a map is refined, and at which boundaries."""
+
+    halvings: dict[str, int]
+    between: list[str] | None = None
+
+
+class PathsSection(SweepFileSection):
+    """How much of the path of the centre of mass is kept of each run."""
+
+    periods: int
+    per_period: int = 8
+
+
+class PlotSection(SweepFileSection):
+    """How to draw the cube."""
+
+    kind: Picture = "mode_map"
+
+
+class Declaration(SweepFileSection):
+    """One sweep, search or refined map as a file declares it."""
+
+    sweep: SweepSection
+    grid: dict[str, Any] | None = None
+    points: PointsSection | None = None
+    fixed: dict[str, Any] = Field(default_factory=dict)
+    search: SearchSection | None = None
+    refine: RefineSection | None = None
+    paths: PathsSection | None = None
+    plot: PlotSection = Field(default_factory=PlotSection)
+
+    def study(
+        self, *, periods: int | None = None, rtol: float | None = None, certify: bool = False, carry: str | None = None
+    ) -> Study:
+        """What the sections say together, judged.
+
+        Parameters
+        ----------
+        periods, rtol : int, float, optional
+            In place of the declared ones; `periods` in place of the declared ``max_periods`` too.
+        certify : bool
+            Whether to certify what was not declared to be, see `sweep`.
+        carry : str, optional
+            In place of the declared one.
+
+        Raises
+        ------
+        ParameterError
+        """
+        given: dict[str, Any] = {
+            "periods": self.sweep.periods if periods is None else periods,
+            "max_periods": self.sweep.max_periods if periods is None else None,
+            "rtol": self.sweep.rtol if rtol is None else rtol,
+        }
+        certify, carry = certify or self.sweep.certify, carry or self.sweep.carry
+        if self.grid is None and self.points is None:
+            raise ParameterError("grid: is missing; or give points")
+        if self.search is None:
+            if self.refine or self.paths:
+                raise ParameterError("search: is missing; refine and paths go with a search")
+            given |= {"stop_when_settled": self.sweep.stop_when_settled, "certify": certify}
+            given |= {"strobes": self.sweep.strobes, "carry": carry}
+            points = None if self.points is None else point_table(**self.points.model_dump())
+            return sweep.study_of(self.grid, self.fixed, points=points, **given)
+        if self.points or self.grid is None:
+            raise ParameterError("points: is for sweeps; a search has a grid")
+        whole = "is for sweeps of a whole grid"
+        for given_too, told in (
+            (self.sweep.strobes, f"sweep.strobes = {self.sweep.strobes}: {whole}"),
+            (carry, f"carry = {carry!r}: {whole}; a search starts each run by itself"),
+            (certify, f"certify: {whole}; a search does not take it"),
+            (
+                not self.sweep.stop_when_settled,
+                "sweep.stop_when_settled = false: a search stops each run that has settled",
+            ),
+        ):
+            if given_too:
+                raise ParameterError(told)
+        paths = None if self.paths is None else self.paths.model_dump()
+        question = search.study_of(self.grid, self.fixed, paths=paths, **self.search.model_dump(), **given)
+        return question if self.refine is None else refine.study_of(question, **self.refine.model_dump())
+
+    @property
+    def attrs(self) -> dict[str, str]:
+        """Attributes of the cube."""
+        return ({} if self.sweep.title is None else {"title": self.sweep.title}) | {"plot": self.plot.kind}
+
+
+def explain(error: ValidationError, whole: type[BaseModel]) -> list[str]:
+    """The complaints of pydantic about a `whole` file, each as one line with the key and what is allowed."""
+    mistakes: list[str] = []
+    meant: set[str] = set()
+    for complaint in error.errors():
+        *section, key = (str(part) for part in complaint["loc"])
+        where = ".".join([*section, key])
+        if complaint["type"] == "extra_forbidden":
+            within = whole
+            for name in section:
+                kinds = (within.model_fields[name].annotation, *get_args(within.model_fields[name].annotation))
+                within = next(kind for kind in kinds if hasattr(kind, "model_fields"))
+            line = unknown(key, "key", within.model_fields)
+            mistakes.append(".".join([*section, line]))
+            meant.update(".".join([*section, name]) for name in re.findall(r"did you mean (\w+)\?", line))
+        elif complaint["type"] == "missing":
+            mistakes.append(f"{where}: is missing")
+        elif complaint["type"] == "value_error":
+            mistakes.append(str(complaint["ctx"]["error"]))  # of one of our own checks, which names what it judges
+        else:
+            mistakes.append(f"{where} = {complaint['input']!r}: {complaint['msg'].replace('Input should', 'must')}")
+    # a misspelt key is not missing too
+    return [line for line in mistakes if line.partition(": is missing")[0] not in meant]
+
+
+def _of_parameters(raw: Mapping[str, Any]) -> list[str]:
+    """What is wrong with single parameters in the sections grid and fixed, each in one line."""
+    mistakes = []
+    for section, judged in (("grid", axis_values), ("fixed", fixed_value)):
+        given = raw.get(section, {})
+        for name, value in given.items() if isinstance(given, Mapping) else ():
+            try:
+                check({name: judged(name, value)}, gaps=PARAMETERS)  # rules between two parameters wait for all of them
+            except ParameterError as error:
+                mistakes.append(str(error))
+    return mistakes
+
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def read_sections(
+    path: Path, whole: type[M], judge: Callable[[M], object], piecewise: Callable[[Any], list[str]] = lambda raw: []
+) -> M:
+    """What a file of TOML says, judged.
+
+    Parameters
+    ----------
+    path : Path
+    whole : type
+        The sections that it may have.
+    judge : callable
+        Raises a ParameterError if sections that are allowed one by one are not allowed together.
+    piecewise : callable
+        What else is wrong with single values, each in one line.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read; or with all its mistakes, as far as they can be told piece by piece, a line for each.
+    """
+    text = read_text(path)
+    try:
+        raw = tomllib.loads(text)
+    except RecursionError:
+        raise ParameterError(f"{path}: is nested too deeply") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ParameterError(f"{path}: is no valid TOML ({error})") from None
+    mistakes = []
+    try:
+        declared = whole.model_validate(raw)
+    except ValidationError as error:
+        mistakes = explain(error, whole)
+    mistakes += piecewise(raw)
+    if not mistakes:
+        try:
+            judge(declared)
+            return declared
+        except ParameterError as error:
+            mistakes = [str(error)]
+    if len(mistakes) > 1:
+        raise ParameterError(f"{path}: {len(mistakes)} mistakes" + "".join(f"\n  {line}" for line in mistakes))
+    raise ParameterError(f"{path}: {mistakes[0]}")
+
+
+def read_declaration(path: str | os.PathLike[str]) -> Declaration:
+    """Read and judge a sweep file.
+
+    Parameters
+    ----------
+    path : path-like
+        TOML with the sections ``[sweep]``, ``[grid]`` or ``[points]``, and optionally ``[fixed]``, ``[search]``,
+        ``[refine]``, ``[paths]`` and ``[plot]``. A file of points is looked for beside it.
+
+    Returns
+    -------
+    Declaration
+
+    Raises
+    ------
+    ParameterError
+        With the file and every key that is wrong, and what is allowed.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dimersweep import read_declaration
+    >>> from dimersweep.studies.presets import find_declaration
+    >>> declared = read_declaration(find_declaration(Path("fig07-small")))
+    >>> declared.sweep.periods, declared.grid["f"]
+    (200, [15, 20, 25])
+    """
+    path = Path(path)
+
+    def judge(declared: Declaration) -> None:
+        if declared.points is not None and declared.points.file is not None:
+            declared.points.file = str(path.parent / declared.points.file)
+        declared.study()
+
+    return read_sections(path, Declaration, judge, _of_parameters)
+
+
+def make(
+    declared: Declaration,
+    out: str | os.PathLike[str] | None,
+    *,
+    periods: int | None = None,
+    rtol: float | None = None,
+    certify: bool = False,
+    **options: Any,
+) -> xr.Dataset:
+    """Make the cube of a declaration, and write it.
+
+    Parameters
+    ----------
+    declared : Declaration
+    out : path-like, optional
+        File of the cube.
+    periods, rtol : int, float, optional
+        In place of the declared ones.
+    certify : bool
+        As in `sweep`; a search takes none.
+    **options
+        As in `sweep`.
+
+    Returns
+    -------
+    xarray.Dataset
+
+    Raises
+    ------
+    ParameterError, StoreError, PointError, UnfinishedError, Stopped
+        As by `sweep`.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from dimersweep import make, read_declaration
+    >>> from dimersweep.studies.presets import find_declaration
+    >>> declared = read_declaration(find_declaration(Path("fig07-small")))
+    >>> cube = make(declared, "small.nc", periods=60, progress=False, force=True)
+    >>> dict(cube.sizes)
+    {'f': 3, 'beta0': 44}
+    """
+    study = declared.study(periods=periods, rtol=rtol, certify=certify)
+    options.setdefault("attrs", declared.attrs)
+    return make_cube(study, out=out, **options)
+
+
+def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> Declaration:
+    """The declaration that gives the cube at `path` again, from what the cube tells of itself.
+
+    Parameters
+    ----------
+    path : path-like
+    other_kernel : bool
+        Whether the cube may come from another kernel than this program's, or be configured in ways that it does not
+        know.
+
+    Returns
+    -------
+    Declaration
+
+    Raises
+    ------
+    StoreError
+        If there is no such cube, or it comes from another kernel; with the versions that made it.
+    """
+    cube = open_cube(path)
+    configuration = json.loads(cube.attrs["configuration"])
+    try:
+        declaration = _declared(cube, configuration, path)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError
+        raise StoreError(f"{path}: tells a configuration that this version does not know ({one_line(error)})") from None
+    changes = differences(configuration, declaration.study().configuration())
+    if changes and not other_kernel:
+        made_by = ", ".join(f"{name} {cube.attrs.get(name, 'unknown')}" for name in MADE_BY)
+        raise StoreError(
+            f"{path}: was made by another version, so its numbers may differ in the last digits; install that one "
+            f"({made_by}), or go on with other_kernel=True. What differs:" + "".join(f"\n  {line}" for line in changes)
+        )
+    return declaration
+
+
+def _declared(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
+    """The declaration of a sweep, a search or a refined map with this configuration."""
+    sweep: dict[str, Any] = {name: configuration[name] for name in ("periods", "rtol")}
+    sweep |= {"title": cube.attrs["title"], "max_periods": configuration.get("max_periods"), "output": str(path)}
+    given: dict[str, Any] = {"fixed": configuration["fixed"], "plot": {"kind": cube.attrs.get("plot", "mode_map")}}
+    if "search" in configuration:
+        asked = dict(configuration["search"])
+        over, values = asked.pop("axis"), asked.pop("values")
+        given |= {"grid": configuration["grid"] | {over: values}, "search": asked | {"over": over}}
+        given |= {name: configuration[name] for name in ("refine", "paths") if name in configuration}
+    else:
+        sweep["stop_when_settled"] = configuration["stop_when_settled"]
+        sweep |= {name: configuration[name] for name in ("certify", "strobes") if name in configuration}
+        given["grid"], sweep["carry"] = without_directions(configuration.get("grid"))
+        given |= {"points": {"columns": configuration["points"]}} if "points" in configuration else {}
+    return Declaration.model_validate(given | {"sweep": sweep})
