@@ -105,7 +105,9 @@ def test_other_code_of_the_process_is_made_for_its_own_target():
 def test_workers_with_different_targets_finish_a_sweep(tmp_path):
     from distributed import Client, LocalCluster
 
-    names = [name for name in MIXED if has(TARGETS[name])][:2]
+    names = [name for name in MIXED if has(TARGETS[name])]
+    if len(names) < 2:
+        pytest.skip("no code of two targets runs here")
     environment = [{"NUMBA_CPU_NAME": name, "NUMBA_CPU_FEATURES": ""} for name in names]
     with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0", env=environment[0]) as cluster:
         cluster.new_spec = cluster.new_spec | {"options": cluster.new_spec["options"] | {"env": environment[1]}}

@@ -9,7 +9,7 @@ from dimersweep.cubes.cube import names
 from dimersweep.kernel.compiler.records import record_type
 from dimersweep.kernel.model.layout import TRACKS
 from dimersweep.kernel.verdict.settling import SETTLED_PERIODS
-from dimersweep.kernel.verdict.track import Point, Track
+from dimersweep.kernel.verdict.track import Fix, TrackState
 from tests.checks.verbs import follow_track, track_of
 
 pytestmark = pytest.mark.jit
@@ -19,9 +19,9 @@ TILT = 1e-3
 
 def followed(z, heading):
     """The record of a track of complex places [m], a STEP apart."""
-    track = np.zeros(1, record_type(Track))[0]
+    track = np.zeros(1, record_type(TrackState))[0]
     for k, (place, angle) in enumerate(zip(z, heading, strict=True)):
-        follow_track(track, Point(STEP * k, place.real, place.imag, angle), 1e-3)
+        follow_track(track, Fix(STEP * k, place.real, place.imag, angle), 1e-3)
     return track
 
 
