@@ -27,13 +27,8 @@ def far(both):
 
 def test_many_runs_of_each_mode_stop_early(both):
     counts = np.bincount(both.stopped["mode"], minlength=len(MODES))
-    least = {
-        "rest": 200,
-        "drift": 40,
-        "jump": 100,
-        "flutter": 3,
-        "period_n": 15,
-    }  # scenes differ in last digits between processors
+    # scenes differ in last digits between processors
+    least = {"rest": 200, "drift": 40, "jump": 100, "flutter": 3, "period_n": 15}
     assert {mode: counts[MODES.index(mode)] >= few for mode, few in least.items()} == dict.fromkeys(least, True)
     assert counts.sum() == sum(counts[MODES.index(mode)] for mode in least)
     assert both.left.mean() > 0.5 * PERIODS
