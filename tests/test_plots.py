@@ -72,6 +72,12 @@ def test_intervals_reach_half_way_on_either_side_and_what_is_mirrored_or_reverse
         assert drift_lengths(again).item() == length
 
 
+def test_lengths_lie_along_the_other_axes():
+    lengths = drift_lengths(cube_of([[R, D, D, R], [D, R, R, D]], f=[15, 20], beta0=[0.1, 0.2, 0.3, 0.5]))
+    np.testing.assert_allclose(lengths, [0.25, 0.3])
+    np.testing.assert_array_equal(lengths["f"], [15, 20])
+
+
 def test_segments_reach_as_far_as_the_dips_do():
     modes = np.array([[R, D, D, R], [D, D, R, D]])
     cube = cube_of(modes, f=[15, 20], beta0=[-0.3, -0.1, 0.1, 0.3])
