@@ -126,9 +126,9 @@ def follow_contact(dm, ask, motion):
     """Follow the contact phase to its next event, or to the end of the forcing period; returns the event."""
     state, y, span = motion.state, motion.contact, (TWO_PI - motion.state[PHASE]) / dm.omega
     if motion.work.course[0].tally.wanted:
-        energy = kinetic(dm, state) + 0.5 * dm.m * (
-            speed_bound(dm) ** 2 + dm.v_scale**2
-        )  # of the motion and of the plate
+        # works count in the energy of the motion and of the plate
+        plate = 0.5 * dm.m * (speed_bound(dm) ** 2 + dm.v_scale**2)
+        energy = kinetic(dm, state) + plate
         motion.work.control[0].doubt = max(FINER * ask.rtol, FINEST) * energy
         begin_phase(y, motion.work)
     t, event = sustain_contact(dm, contact_of(dm, motion), span, ask.path, ask.rtol, True, motion.work)

@@ -190,9 +190,8 @@ def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.
     """
     check_unchanged(cube, name)
     grid, line, offset = study.grid, study.line, 0
-    along = [
-        np.arange(grid.size)
-    ]  # where each place on an axis is; single points are those of the cube: it is made again
+    # where each place on an axis is; single points are those of the cube: it is made again
+    along = [np.arange(grid.size)]
     if not grid.columns:
         old = json.loads(cube.attrs["configuration"])["grid"]
         strides, stride, along = {}, 1, []
