@@ -1,7 +1,7 @@
 """The parameters of a dimer, its plate and its start: their rules, and one set of them or whole axes, judged."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import InitVar, dataclass, fields
+from dataclasses import InitVar, dataclass, make_dataclass
 from math import inf, nextafter, pi
 from typing import Any, NamedTuple
 
@@ -258,8 +258,18 @@ class _BaseCase(float):
     """The base case's value of a parameter that was not given."""
 
 
+def _left_out(name: str) -> float | None:
+    """The field of a parameter that is not given: a number, or None where other parameters tell it."""
+    value = LEFT_OUT.get(name)
+    return _BaseCase(BASE[name]) if name in BASE else None if isinstance(value, str) else value
+
+
+_FIELDS = [(name, "float | None", _left_out(name)) for name in PARAMETERS]
+_Fields: Any = make_dataclass("_Fields", _FIELDS, frozen=True, kw_only=True)
+
+
 @dataclass(frozen=True, kw_only=True)
-class Parameters:
+class Parameters(_Fields):
     """One dimer, its plate and its start, validated; the defaults are the paper's base case (Sect. 3).
 
     Parameters
@@ -312,61 +322,16 @@ class Parameters:
     (0.3491, 6.0)
     """
 
-    e: float | None = _BaseCase(BASE["e"])
-    Gamma: float = BASE["Gamma"]
-    f: float = BASE["f"]
-    A_r: float = _BaseCase(BASE["A_r"])
-    mu: float | None = _BaseCase(BASE["mu"])
-    mu_s: float | None = _BaseCase(BASE["mu_s"])
-    beta0: float = BASE["beta0"]
-    xdot0: float = BASE["xdot0"]
-    phi0: float = BASE["phi0"]
-    r: float | None = _BaseCase(BASE["r"])
-    rho_b: float | None = _BaseCase(BASE["rho_b"])
-    rho_r: float = BASE["rho_r"]
-    D_r: float = BASE["D_r"]
-    g: float = BASE["g"]
-    e_1: float | None = None
-    e_2: float | None = None
-    r_1: float | None = None
-    r_2: float | None = None
-    rho_b_1: float | None = None
-    rho_b_2: float | None = None
-    mu_1: float | None = None
-    mu_2: float | None = None
-    mu_s_1: float | None = None
-    mu_s_2: float | None = None
-    Gamma_2: float = 0.0
-    phi_2: float = 0.0
-    mu_h: float | None = None
-    mu_h_1: float | None = None
-    mu_h_2: float | None = None
-    eta: float = 1.5
-    k_ratio: float | None = None
-    tilt: float = 0.0
-    azimuth: float = 0.0
-    Gamma_x: float = 0.0
-    phi_x: float = 0.0
-    Gamma_y: float = 0.0
-    phi_y: float = 0.0
-    theta0: float = 0.0
-    ydot0: float = 0.0
-    betadot0: float = 0.0
-    thetadot0: float = 0.0
-    gammadot0: float = 0.0
-    gap0: float = 0.0
     l: InitVar[float | None] = None  # noqa: E741 - the paper's symbol
 
     def __post_init__(self, length: float | None) -> None:
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = {name: getattr(self, name) for name in PARAMETERS}
         given = {name for name, value in values.items() if value is not None}
         check_effect(name for name in given if not isinstance(values[name], _BaseCase))
         unused = without_effect(given)
-        for field in fields(self):
-            value = None if field.name in unused else values[field.name]
-            if value is not None or not (field.default is None or field.name in unused):
-                value = number(field.name, value)
-            object.__setattr__(self, field.name, value)  # the dataclass is frozen from here on
+        for name, value in values.items():
+            needed = name not in unused and (value is not None or _left_out(name) is not None)
+            object.__setattr__(self, name, number(name, value) if needed else None)  # frozen from here on
         if length is not None:
             if not isinstance(values["A_r"], _BaseCase):
                 raise ParameterError("l: given together with A_r; leave one of the two out")
@@ -383,7 +348,7 @@ class Parameters:
 
         X is not among them where X_1 and X_2 are given.
         """
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        values = {name: getattr(self, name) for name in PARAMETERS}
         return {name: value for name, value in values.items() if value is not None and value != LEFT_OUT.get(name)}
 
     def row(self) -> np.ndarray:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import Force, argument, option, whole_option
+from dimersweep.cli.options import Force, argument, number_option, option
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
 
@@ -55,7 +55,7 @@ def plot(
 def explore(
     cube: Annotated[Path, argument("CUBE", "Cube to look at.")],
     *,
-    port: Annotated[int, whole_option("Port of the page; 0 for any that is free.")] = 0,
+    port: Annotated[int, number_option("Port of the page; 0 for any that is free.", int)] = 0,
     show: Annotated[bool, option("Open a browser.")] = True,
 ) -> None:
     """Look at a cube in a browser: a map to click, and the run behind each point."""

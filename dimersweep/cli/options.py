@@ -12,20 +12,6 @@ import typer
 from dimersweep.symbols import BASE, INSTEAD, LEFT_OUT, PARAMETERS
 
 
-def _number(text: str | float) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is not a number") from None
-
-
-def _whole(text: str | int) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is not a whole number") from None
-
-
 def argument(name: str, meaning: str) -> Any:
     """What a command is given by its place."""
     return typer.Argument(metavar=name, help=meaning)
@@ -36,19 +22,22 @@ def option(meaning: str, *names: str, **how: Any) -> Any:
     return typer.Option(*names, help=meaning, **how)
 
 
-def number_option(meaning: str) -> Any:
-    """An option that takes a number."""
-    return option(meaning, parser=_number, metavar="NUMBER")
+def number_option(meaning: str, kind: type = float) -> Any:
+    """An option that takes a number, or a whole number where `kind` is int."""
+    word, metavar = ("whole number", "COUNT") if kind is int else ("number", "NUMBER")
 
+    def read(text: Any) -> Any:
+        try:
+            return kind(text)
+        except ValueError:
+            raise typer.BadParameter(f"{text!r} is not a {word}") from None
 
-def whole_option(meaning: str) -> Any:
-    """An option that takes a whole number."""
-    return option(meaning, parser=_whole, metavar="COUNT")
+    return option(meaning, parser=read, metavar=metavar)
 
 
 Force = Annotated[bool, option("Replace files that exist.", "--force")]
-Workers = Annotated[int | None, whole_option("Threads; one for each core by default.")]
-Periods = Annotated[int | None, whole_option("Forcing periods, in place of the declared ones.")]
+Workers = Annotated[int | None, number_option("Threads; one for each core by default.", int)]
+Periods = Annotated[int | None, number_option("Forcing periods, in place of the declared ones.", int)]
 Rtol = Annotated[float | None, number_option("Accuracy, in place of the declared one.")]
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import Force, in_lines, number_option, option, whole_option, with_parameters
+from dimersweep.cli.options import Force, in_lines, number_option, option, with_parameters
 from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
 from dimersweep.runs.outcomes import Absent
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @with_parameters
 def simulate(
     *,
-    periods: Annotated[int, whole_option("Forcing periods to run.")] = 100,
+    periods: Annotated[int, number_option("Forcing periods to run.", int)] = 100,
     rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
     plot: Annotated[Path | None, option("Picture of heights, orbit and phase portraits.")] = None,
     movie: Annotated[Path | None, option("Movie of the last periods: .gif, .mp4 or .html (in 3D).")] = None,
