@@ -32,8 +32,9 @@ def rows_made(patch, run_many):
 
 
 def no_work(patch):
-    """Fail where a study runs a point."""
-    use_kernel(patch, lambda *_, **__: pytest.fail("work was done"))
+    """Fail where a point or a run is made."""
+    for kernel in ("run_many", "run_recorded"):
+        patch.setattr(f"dimersweep.runs.solving.{kernel}", lambda *_, **__: pytest.fail("work was done"))
 
 
 def no_warm_up(patch):

@@ -1,7 +1,6 @@
 """Attractors: mirrors and matching of made-up motions, families, shares and borders at the base."""
 
 from statistics import NormalDist
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -295,44 +294,3 @@ def test_borders_that_lie_close_share_a_label_and_all_areas_are_named(over_gamma
     assert [text.get_text() for text in texts] == ["fold, flip", "word", "lost", "flip"]
     assert {text.get_rotation() for text in texts} == {90.0}
     assert len(figure.legends[0].get_texts()) == found.sizes["attractor"]
-
-
-# --------------------------------------------------------------------------------------------------------------- bad input
-
-
-@pytest.mark.parametrize(
-    ("given", "says"),
-    [
-        ({}, "ranges: give either"),
-        ({"ranges": STARTS, "points": {"beta0": [0.1]}}, "ranges: give either"),
-        ({"ranges": {}}, "ranges = {}"),
-        ({"ranges": {"beta0": 0.3}}, "beta0 = 0.3: must be a pair"),
-        ({"ranges": {"beta0": (0.3, 0.1)}}, "beta0 = 0.3 to 0.1: the least"),
-        ({"ranges": {"beta": (0.1, 0.3)}}, "beta: unknown|beta: is no"),
-        ({"ranges": {"beta0": (0.1, 2.0)}}, "beta0 = 2.0: must be below"),
-        ({"ranges": STARTS, "starts": 0}, "starts = 0: must be"),
-        ({"ranges": STARTS, "seed": -1}, "seed = -1: must be"),
-        ({"ranges": STARTS, "level": 1.0}, "level = 1: must be"),
-        ({"ranges": STARTS, "confirm": -3}, "confirm = -3: must be"),
-        ({"ranges": STARTS, "mirror": "no"}, "mirror = 'no': must be"),
-        ({"ranges": STARTS, "over": {"beta0": [0.1, 0.2]}}, "beta0: is drawn"),
-        ({"ranges": STARTS, "over": {"e": [0.5], "f": [15]}}, "over = "),
-        ({"ranges": STARTS, "fixed": {"phi0": 1.0}}, "phi0"),
-        ({"ranges": STARTS, "fixed": {"tilt": 0.1}}, "tilt = 0.1: must be 0 for attractors"),
-        ({"ranges": STARTS, "over": {"Gamma_x": [0.0, 0.1]}}, "Gamma_x = 0.1: must be 0 for attractors"),
-        ({"ranges": STARTS | {"e": (0.5, 0.6)}}, "e: is no part of a start"),
-        ({"points": {"Gamma": [0.8, 0.9]}}, "Gamma: is no part of a start"),
-        ({"ranges": STARTS, "fixed": {"Gamma_2": 0.1}}, "phi0: cannot be drawn"),
-    ],
-)
-def test_what_is_not_allowed_is_said_in_one_line_before_any_run(given, says, monkeypatch):
-    monkeypatch.setattr("dimersweep.studies.study.Crew", None)
-    with pytest.raises(ParameterError, match=says) as caught:
-        attractors(periods=100, progress=False, **given)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("data", [None, SimpleNamespace()])
-def test_only_attractors_are_drawn(data):
-    with pytest.raises(ParameterError, match="without shares"):
-        plots.attractors(data)

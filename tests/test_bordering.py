@@ -19,6 +19,7 @@ from dimersweep.storage.store import opened_store
 from dimersweep.studies import border_files
 from dimersweep.studies.border_files import kept_part, make_borders, parts_of, plan_borders, read_borders
 from tests.checks.conform import conforms
+from tests.checks.data import DATA
 
 BORDERS = Path(__file__).parents[1] / "sweeps" / "borders"
 
@@ -54,16 +55,9 @@ def test_a_small_preset_is_written_and_drawn(name, tmp_path):
     conforms(out)
 
 
-FAMILIES = """
-[borders]
-title = "Two short families"
-output = "families.nc"
-[families]
-spin = [140, 150]
-points = 3
-[over]
-A_r = [5.5, 6]
-"""
+CURVES, BRANCHES, FAMILIES = (
+    (DATA / "borders" / f"{name}.toml").read_text() for name in ("curves", "branches", "families")
+)
 
 
 def declared_in(folder, text=FAMILIES):
@@ -236,62 +230,6 @@ def test_a_table_never_replaces_the_map_that_it_is_drawn_over(tmp_path):
     with pytest.raises(ParameterError, match=r"^out = .*map.nc: would replace what is read; give another name$"):
         app(["borders", str(declaration), "--over", str(under), "--out", str(under), "--force"], standalone_mode=False)
     assert under.read_text() == "precious"
-
-
-CURVES = """
-[borders]
-title = "a"
-output = "b.nc"
-[curves]
-kinds = ["fold"]
-spin = 100
-[over]
-A_r = [5, 6]
-"""
-BRANCHES = CURVES.replace("[curves]\nkinds = ", "[branches]\nparameter = 'Gamma'\nends = ").replace('["fold"]', "[1]")
-SECTIONS = "borders, curves, branches, families, over, fixed"
-ONE_OF = "must have one of [curves], [branches] and [families]"
-KINDS = ", ".join(border_files.BORDER_KINDS)
-
-
-@pytest.mark.parametrize(
-    ("text", "old", "new", "message"),
-    [
-        (CURVES, CURVES, "", "borders: is missing"),
-        (CURVES, "[curves]", "[curve]", f"curve: unknown key; did you mean curves? (allowed: {SECTIONS})"),
-        (CURVES, "kinds", "kind", "curves.kind: unknown key; did you mean kinds? (allowed: kinds, parameter, spin)"),
-        (CURVES, "spin", "Spin", "curves.Spin: unknown key; did you mean spin? (allowed: kinds, parameter, spin)"),
-        (CURVES, '[curves]\nkinds = ["fold"]\nspin = 100', "", ONE_OF),
-        (CURVES, '["fold"]', '["kink"]', f"curves.kinds: kink: unknown border (allowed: {KINDS})"),
-        (CURVES, '["fold"]', "[]", "curves.kinds = []: must have at least one"),
-        (CURVES, '["fold"]', '["fold", "flip", "fold"]', "curves.kinds: fold is there twice"),
-        (CURVES, "spin = 100", "spin = 1e308", "spin = 1e+308: must be at most 9.42e+04 rad/s in size"),
-        (CURVES, "spin = 100", "spin = nan", "spin = nan: must be finite"),
-        (CURVES, "A_r = [5, 6]", "Gamma = [1]", "over.Gamma: is what the curves are solved for"),
-        (CURVES, "[over]", "[fixed]\nGamma = 1\n[over]", "fixed.Gamma: is what the curves are solved for"),
-        (CURVES, "A_r = [5, 6]", "beta0 = [0.1]", "over.beta0: is of a start, and changes no orbit"),
-        (CURVES, "[over]", "[fixed]\nxdot0 = 1\n[over]", "fixed.xdot0: is of a start, and changes no orbit"),
-        (CURVES, "[over]", "[fixed]\nA_r = 5\n[over]", "over.A_r: is fixed, too"),
-        (CURVES, "[5, 6]", "[1, 5]", "A_r = 1.0: must be >= 2 (below 2 the balls overlap)"),
-        (BRANCHES, "[1]", "[]", "branches.ends = []: must have at least one"),
-        (BRANCHES, "[1]", "[1, 1.0]", "branches.ends: 1.0 is there twice"),
-        (BRANCHES, "[1]", "[1, -1]", "Gamma = -1.0: must be >= 0"),
-        (BRANCHES, "spin = 100", "points = 0", "branches.points = 0: must be a whole number >= 1"),
-        (BRANCHES, "A_r = [5, 6]", "Gamma = [1]", "over.Gamma: is what the branches are solved for"),
-        (FAMILIES, "[140, 150]", "[150, 140]", "spin = (150, 140): the first must be below the second"),
-        (FAMILIES, "[140, 150]", "[140, 1e308]", "spin = 1e+308: must be at most 9.42e+04 rad/s in size"),
-        (FAMILIES, "[over]", "[fixed]\nx = 1\n[over]", "x: unknown parameter"),
-    ],
-)
-def test_what_is_not_allowed_is_said_in_a_line_before_any_work(tmp_path, text, old, new, message):
-    bad = tmp_path / "bad.toml"
-    assert text.count(old) == 1
-    bad.write_text(text.replace(old, new))
-    with pytest.raises(ParameterError) as refused:
-        read_borders(bad)
-    said = str(refused.value)
-    assert said.startswith(f"{bad}: {message}")
-    assert "\n" not in said
 
 
 def test_what_is_no_file_of_borders_is_refused_in_a_line(tmp_path):

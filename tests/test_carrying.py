@@ -412,25 +412,6 @@ def test_a_cube_may_be_written_block_by_block(both):
 # --- what is asked --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"carry": "sideways"}, "carry = 'sideways': must be one of up, down, both"),
-        ({"carry": True}, "carry = True: must be one of up, down, both"),
-        ({"carry": ["up"]}, r"carry = \['up'\]: must be one of up, down, both"),
-        ({"carry": "up", "certify": True}, "certify: is for points that start by themselves, and goes without carry"),
-        ({"carry": "up", "grid": None, "points": {"Gamma": [0.9]}}, "carry = 'up': is for grids, whose last axis"),
-        ({"carry": "up", "grid": {"Gamma": [0.9], "beta0": [0.2]}}, "carry = 'up': goes along the last axis, beta0"),
-        ({"carry": "up", "grid": {"Gamma": [0.9], "phi0": [0.2]}}, "carry = 'up': goes along the last axis, phi0"),
-        ({"grid": {"direction": [0, 1], "Gamma": [0.9]}}, "direction: unknown parameter"),
-    ],
-)
-def test_what_is_refused(settings, message):
-    with pytest.raises(ParameterError, match=message) as error:
-        sweep(**{"grid": GRID, "periods": 10} | settings)
-    assert "\n" not in str(error.value)
-
-
 def test_a_file_declares_it(both):
     Path("sweep.toml").write_text(
         f'[sweep]\nperiods = 100\ncarry = "both"\noutput = "x.nc"\n[grid]\ne = [0.55, 0.6]\nGamma = {GAMMA.tolist()}\n'

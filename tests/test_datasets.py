@@ -87,37 +87,3 @@ def test_paths_too_long_to_hold_are_refused(tmp_path):
         ParameterError, match=r"paths: 3 of 10000001 positions each; one cube may hold 20000000 positions$"
     ):
         read_declaration(path)
-
-
-SEARCHED_MAP = (SWEEPS / "fig08-small.toml").read_text()
-UNSEARCHED = '[sweep]\ntitle = "a"\nperiods = 5\noutput = "a.nc"\n[grid]\nf = [15]\n[refine]\nhalvings = { f = 1 }\n'
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (
-            SEARCHED_MAP.replace('over = "beta0"', 'over = "mu"'),
-            "over = 'mu': must be one of the axes (e, Gamma, beta0)",
-        ),
-        (
-            SEARCHED_MAP.replace("halvings = { e = 1, Gamma = 3 }", "halvings = { f = 1 }"),
-            "refine.f: is no axis of the map (e, Gamma)",
-        ),
-        (SEARCHED_MAP.replace('["drift", "rest"]', '["dive"]'), "between = 'dive': must be some of"),
-        (
-            SEARCHED_MAP.replace('ask = "any"', 'ask = "most"'),
-            "search.ask = 'most': must be 'any', 'all', 'first' or 'fraction'",
-        ),
-        (
-            SEARCHED_MAP.replace("[sweep]", "[sweep]\nstop_when_settled = false"),
-            "sweep.stop_when_settled = false: a search stops each run that has settled",
-        ),
-        (UNSEARCHED, "search: is missing; refine and paths go with a search"),
-    ],
-)
-def test_a_bad_declaration_is_named(tmp_path, text, message):
-    (tmp_path / "bad.toml").write_text(text)
-    with pytest.raises(ParameterError) as caught:
-        read_declaration(tmp_path / "bad.toml")
-    assert str(caught.value).startswith(f"{tmp_path / 'bad.toml'}: {message}")

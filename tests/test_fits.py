@@ -4,7 +4,6 @@ import pickle
 
 import numpy as np
 import pytest
-import xarray as xr
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
@@ -333,91 +332,12 @@ def test_a_phase_is_measured_round_the_clock():
 
 
 # --- input, output ----------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("measured", "free", "more", "words"),
-    [
-        ({"radios": (4, 0.1)}, {"e": (0.5, 0.7)}, {}, "radios: unknown measured quantity; did you mean radius"),
-        ({"radius": (4, 0)}, {"e": (0.5, 0.7)}, {}, "error of radius = 0: must be > 0"),
-        ({"radius": 4}, {"e": (0.5, 0.7)}, {}, "radius = 4: must be a value and its error"),
-        ({}, {"e": (0.5, 0.7)}, {}, "measured = {}: must be pairs"),
-        ({"radius": (4, 0.1)}, {}, {}, "free = {}: must be ranges"),
-        ({"radius": (4, 0.1)}, {"e": (0.7, 0.5)}, {}, r"e = \(0.7, 0.5\): the first must be below the second"),
-        ({"radius": (4, 0.1)}, {"e": 0.5}, {}, "e = 0.5: must be the least and the greatest value"),
-        ({"radius": (4, 0.1)}, {"e": (0.5, 1.5)}, {}, r"e = 1.5: must be in \[0, 1\]"),
-        ({"radius": (4, 0.1)}, {"epsilon": (0.5, 0.7)}, {}, "epsilon: unknown parameter"),
-        ({"radius": (4, 0.1)}, {"e": (0.5, 0.7)}, {"e": 0.6}, "e: is given and free"),
-        ({"radius": (4, 0.1)}, {"spin": (90, 120)}, {"spin": 100.0}, "spin: is given and free"),
-        ({"radius": (4, 0.1)}, {"e": (0.5, 0.7)}, {"e_1": 0.6, "e_2": 0.6}, "e: has no effect beside e_1 and e_2"),
-        ({"radius": (4, 0.1)}, {"tilt": (0, 0.1)}, {}, "tilt = 0.1: must be 0 for orbits"),
-        ({"radius": (4, 0.1)}, {"mu": (0.5, 0.7)}, {}, "mu_s = 0.4: must be >= mu"),
-        ({"radius": (-3, 0.1)}, {"e": (0.5, 0.7)}, {}, "radius = -3: must be > 0"),
-        ({"path_radius": (0, 0.1)}, {"e": (0.5, 0.7)}, {}, "path_radius = 0: must be > 0"),
-        ({"period": (-36, 0.1)}, {"e": (0.5, 0.7)}, {}, "period = -36: must be > 0"),
-        ({"speed": (-0.7, 0.1)}, {"e": (0.5, 0.7)}, {}, "speed = -0.7: must be >= 0"),
-        ({"path_speed": (-0.7, 0.1)}, {"e": (0.5, 0.7)}, {}, "path_speed = -0.7: must be >= 0"),
-        ({"impact_phase": (1.09, 0.01)}, {"e": (0.5, 0.7)}, {}, r"impact_phase = 1.09: must be in \[0, 1\]"),
-        ({"zeta": ("200 deg", 0.01)}, {"e": (0.5, 0.7)}, {}, r"zeta = 3.49066: must be in \[0, 3.14159\]"),
-        ({"radius": "42"}, {"e": (0.5, 0.7)}, {}, "radius = '42': must be a value and its error"),
-        ({"radius": {4.2, 0.1}}, {"e": (0.5, 0.7)}, {}, "must be a value and its error"),
-        ({"radius": (4, 0.1)}, {"e": "57"}, {}, "e = '57': must be the least and the greatest value"),
-        ({"spin": (1e6, 0.1)}, {"e": (0.5, 0.7)}, {}, r"spin = 1e\+06: must be at most 9.42e\+04 rad/s"),
-        (
-            {"radius": (4, 0.1)},
-            {"spin": (10, 1e6), "f": (10, 30)},
-            {},
-            r"spin = 1e\+06: must be at most 1.88e\+05 rad/s",
-        ),
-        ({"radius": (4, 0.1)}, {"e": (0.5, 0.7)}, {"spin": -1e6}, r"spin = -1e\+06: must be at most"),
-    ],
-)
-def test_what_is_wrong_is_told_in_one_line(measured, free, more, words):
-    with pytest.raises(ParameterError, match=words) as error:
-        fits.fit(measured, free, **more)
-    assert "\n" not in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("names", "values", "covariance", "words"),
-    [
-        (("radius", "zeta"), [-4, 1.6], np.eye(2), "radius = -4: must be > 0"),
-        (("radius", "zeta"), [4, np.nan], np.eye(2), "zeta = nan: must be finite"),
-        (("radius", "zeta"), [4, 1.6], [[1, 0.5], [0, 1]], "the covariance must be symmetric"),
-        (("radius", "zeta"), [4, 1.6], [[1, 0], [0, np.inf]], "covariance = inf: must be finite"),
-        (("radius", "zeta"), [4, 1.6], [[1, 2], [2, 1]], "the errors must be > 0"),
-        (("radius", "zeta"), [4, 1.6], np.eye(3), "must be one value and one row of errors each"),
-        (("radius", "radius"), [4, 4], np.eye(2), "must be one value and one row of errors each"),
-    ],
-)
-def test_what_is_wrong_with_values_that_depend_on_each_other_is_told(names, values, covariance, words):
-    with pytest.raises(ParameterError, match=words) as error:
-        fits.Measured(names, values, covariance)
-    assert "\n" not in str(error.value)
-
-
 def test_a_point_of_another_number_of_values_is_refused():
     density = fits.Likelihood({"radius": (4.06, 0.02)}, {"e": (0.55, 0.75), "A_r": (5, 6)})
     for point in ([0.6], [0.6, 5.5, 1.0], 0.6):
         with pytest.raises(ParameterError, match="point: must have 2 values: e, A_r"):
             density(point)
     assert density([0.6, np.nan]) == -np.inf
-
-
-@pytest.mark.parametrize(
-    ("t", "x", "y", "sigma", "words"),
-    [
-        ([0, 1, 2], [0, 1, 2], [0, 1, 2], 1, "t: has 3 different times; must have at least 4"),
-        ([0, 1, 2, 3], [0, 1, 2], [0, 1, 2, 3], 1, "x: has 3 values; must have 4, as t has"),
-        ([0, 1, 2, 3], [1, 2, np.nan, 3], [0, 1, 2, 3], 1, "x = nan: must be finite"),
-        ([0, 1, 2, 3], [1, 2, 3, 4], [0, 1, 2, 3], 0, "sigma = 0: must be > 0"),
-        ([0, 1, 2, 3], [1, 2, 3, 4], [0, 1, 2, 3], "0.1", "sigma = '0.1': must be a number"),
-        ([0, 1, 2, 3], [1, 2, 3, 4], xr.DataArray([0, 1, 2, 3], dims="t", attrs={"units": "mm"}), 1, "y .*mm"),
-        (np.arange(9), np.ones(9), np.ones(9), None, "x, y: all 9 points are at one place"),
-        (np.arange(9), np.arange(9), np.zeros(9), 0.1, "track: turns by too little to tell its radius"),
-    ],
-)
-def test_what_is_wrong_with_a_track_is_told_in_one_line(t, x, y, sigma, words):
-    with pytest.raises(ParameterError, match=words):
-        fits.circle(t, x, y, sigma)
 
 
 def test_where_no_orbit_is_it_says_why():

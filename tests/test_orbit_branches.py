@@ -301,15 +301,6 @@ def test_a_grid_is_walked_from_its_middle_outwards():
 
 
 def test_bad_input_is_told(orbit):
-    for kind, parameter, over, message in (
-        ("kink", "Gamma", {"e": [0.6]}, "unknown border"),
-        ("Fold", "Gamma", {"e": [0.6]}, "unknown border"),
-        ("fold", "gamma", {"e": [0.6]}, "unknown parameter"),
-        ("fold", "Gamma", {"Gamma": [0.6]}, "given twice"),
-        ("fold", "Gamma", {"e": [0.6, 1.6]}, "must be in"),
-    ):
-        with pytest.raises(ParameterError, match=message):
-            orbits.border(kind, parameter, over=over)
     for begin, parameter, to, message in (
         (orbit, "gama", 1.0, "unknown parameter"),
         (orbit, "Gamma", 0.9, "must differ"),

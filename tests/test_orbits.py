@@ -99,13 +99,8 @@ def test_ends_of_their_own_take_the_place_of_what_the_guess_has(base):
     back = orbits.find(guess=unlike, e=0.6, spin=base.spin)
     assert back.parameters == base.parameters
     assert back.radius == pytest.approx(base.radius, rel=2e-6)
-    for refused in (
-        lambda: orbits.follow(unlike, "e", to=0.7),
-        lambda: orbits.border("fold", "e", over={"e_1": [0.5, 0.6]}, e_2=0.6),
-        lambda: orbits.find(e=0.6, e_1=0.5, e_2=0.4),
-    ):
-        with pytest.raises(ParameterError, match=r"^e: has no effect beside e_1 and e_2; leave one of the three out$"):
-            refused()
+    with pytest.raises(ParameterError, match=r"^e: has no effect beside e_1 and e_2; leave one of the three out$"):
+        orbits.follow(unlike, "e", to=0.7)
 
 
 def test_a_planar_orbit_stays_in_its_plane():
@@ -164,19 +159,6 @@ def test_the_orbit_that_runs_come_to_is_preferred_and_others_are_told():
 
 
 def test_what_is_no_orbit_is_told_in_one_line():
-    with pytest.raises(ParameterError, match="unknown parameter"):
-        orbits.find(gamma=1.0)
-    with pytest.raises(ParameterError, match="must be a Run or a PeriodicOrbit"):
-        orbits.find(guess=3)
-    with pytest.raises(ParameterError, match=r"periods = 0"):
-        orbits.find(periods=0)
-    for made in (
-        lambda: orbits.find(spin=1e308),
-        lambda: orbits.border("fold", "Gamma", {"e": [0.6]}, spin=-1e308),
-        lambda: orbits.family(spin=(0.0, 1e308)),
-    ):
-        with pytest.raises(ParameterError, match=r"^spin = -?1e\+308: must be at most 9.42e\+04 rad/s in size$"):
-            made()
     with pytest.raises(OrbitError, match=r"needs Gamma >= .* = 0.7854\); tried the ball's orbit"):
         orbits.find(Gamma=0.7)
     rest = simulate(beta0=0.02, periods=50)

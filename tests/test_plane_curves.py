@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from dimersweep import orbits
-from dimersweep.errors import ParameterError
 
 # Gamma at which a hop of a ball that is thrown off lasts half a period
 LINE = np.sqrt(1 + (np.pi / 2 - 2 / np.pi) ** 2)
@@ -66,16 +65,3 @@ def test_the_flip_and_the_hop_meet_where_one_passes_the_other():
     e = float(place["e"]) + np.array([-1e-5, 1e-5])
     flips, hops = (orbits.border(kind, "Gamma", over={"e": e}, spin=100.0)["Gamma"].values for kind in ("flip", "hop"))
     assert (flips > hops).tolist() == [True, False]
-
-
-def test_bad_input_of_a_curve_is_told():
-    for given, message in (
-        ({"kind": "chatter"}, "chatter'.*has no curve"),
-        ({"other": "Gamma"}, "Gamma: is given twice"),
-        ({"span": (0.6, 0.5)}, "the first must be below the second"),
-        ({"span": 3}, "must be the least and the greatest"),
-        ({"span": (0.5, 1.5)}, "e = 1.5: must be in"),
-        ({"points": 0}, "points = 0"),
-    ):
-        with pytest.raises(ParameterError, match=message):
-            orbits.border_curve(**({"kind": "fold", "parameter": "Gamma", "other": "e", "span": (0.5, 0.6)} | given))

@@ -1,7 +1,5 @@
 """Pictures: intervals and their lengths are right; every kind of cube, of searches too, gives a figure or a clear refusal."""
 
-import re
-
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -155,37 +153,6 @@ def test_a_run_names_all_that_is_not_the_base_case_s(tmp_path, monkeypatch):
     begun = dimersweep.simulate(start={"beta": 0.2}, periods=2)
     assert "β(0)" not in begun.conditions()
     assert begun.conditions().endswith(", from a given state")
-
-
-FLAT = cube_of([R, D], f=[15, 20])
-LACKING = {
-    "regions": "needs the regions of a search over two axes",
-    "paths": "the cube has no paths over one axis; declare [paths]",
-    "trends": "has axes f; needs A_r, f",
-    "minimum": "has axes f; needs A_r, xdot0",
-    "impact_ends": "has axes f; needs A_r, mu, mu_s",
-    "shares": "needs the runs of a search over two axes",
-    "walks": "the cube has no paths over one axis; declare [paths]",
-    "planar": "needs paths over one axis; declare [paths]",
-    "bifurcation": "the cube has no strobes; make it with bifurcation(...)",
-    "segments": "has axes f; needs beta0 among them",
-}
-
-
-@pytest.mark.parametrize(
-    ("cube", "kind", "more", "told"),
-    [
-        *((FLAT, kind, {}, f"{kind}: {lack}") for kind, lack in LACKING.items()),
-        (cube_of([R], f=[15]), "mode_map", {}, "mode_map: has axes none; needs one of more than one value"),
-        *((FLAT.isel(f=[]), kind, {}, f"{kind}: the axis f is empty") for kind in ("mode_map", "segments", "trends")),
-        (FLAT, "pie", {}, "kind = 'pie': must be one of segments, mode_map"),
-        (FLAT, None, {"quantity": "size"}, "quantity = 'size': must be one of mode, status, "),
-        (FLAT, "trends", {"quantity": "radius"}, "quantity = 'radius': goes with a map, not with kind = 'trends'"),
-    ],
-)
-def test_cubes_that_cannot_be_drawn_are_refused(cube, kind, more, told):
-    with pytest.raises(ParameterError, match="^" + re.escape(told)):
-        draw(cube, kind, **more)
 
 
 def test_of_too_many_panels_some_are_drawn():

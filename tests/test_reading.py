@@ -64,43 +64,6 @@ def test_exponents_leave_out_what_does_not_drift():
         exponents(cube_of("radius", [1, 2, 3], [M_DRIFT, M_DRIFT, M_REST], f=[10, 20, 30]))
 
 
-NEEDS = "a power law needs values > 0"
-
-
-@pytest.mark.parametrize(
-    ("values", "axes", "message"),
-    [
-        ([-1, -2, -4, -8], {"f": [10, 20, 40, 80]}, f"radius is -8 to -1 where it drifts; {NEEDS}"),
-        ([1, 2, 0, 8], {"f": [10, 20, 40, 80]}, f"radius is 0 to 8 where it drifts; {NEEDS}"),
-        ([1, 2, 4, 8], {"xdot0": [-4, -3, -2, -1]}, f"xdot0 is -4 to -1; {NEEDS}"),
-        ([1, 2, 4, 8], {"beta0": [-0.1, 0.0, 0.1, 0.2]}, f"beta0 is -0.1 to 0.2; {NEEDS}"),
-        ([1, 2, 4, 8], {"Gamma": [0, 1, 2, 3]}, f"Gamma is 0 to 3; {NEEDS}"),
-        ([1], {"f": [10]}, "has axes none; needs parameters of more than one value"),
-        ([np.nan] * 4, {"f": [10, 20, 40, 80]}, "0 points drift; too few for a fit over f"),
-        (
-            [1, 2, 3, 4, *[np.nan] * 4],
-            {"f": [10, 20], "e": [0.2, 0.4, 0.6, 0.8]},
-            "f is the same at all 4 points that drift",
-        ),
-        (
-            [1, *[np.nan] * 5, 4, *[np.nan] * 5, 9, *[np.nan] * 3],
-            {"f": [10, 20, 40, 80], "Gamma": [1, 2, 4, 8]},
-            "3 points drift; too few for a fit over f, Gamma",
-        ),
-        (
-            [1, *[np.nan] * 4, 4, *[np.nan] * 4, 9, *[np.nan] * 4, 16],
-            {"f": [10, 20, 40, 80], "Gamma": [1, 2, 4, 8]},
-            "f and Gamma vary together at all 4 points that drift",
-        ),
-    ],
-)
-@pytest.mark.filterwarnings("error")
-def test_no_law_is_told_where_there_can_be_none(values, axes, message):
-    with pytest.raises(ParameterError) as caught:
-        exponents(cube_of("radius", values, **axes))
-    assert str(caught.value) == f"exponents: {message}"
-
-
 @pytest.mark.filterwarnings("error")
 def test_a_law_of_scattered_points_has_no_slopes_between_neighbours():
     law = exponents(cube_of("radius", [1, np.nan, 16, np.nan, 81, np.nan], f=[10, 20, 40, 60, 90, 100]))["f"]

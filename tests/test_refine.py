@@ -1,7 +1,6 @@
 """A refined map is the map of a whole fine grid, at a fraction of its runs."""
 
 import os
-import re
 
 import numpy as np
 import pytest
@@ -10,14 +9,13 @@ import xarray as xr
 import dimersweep
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.grid import finer
-from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, OK
 from dimersweep.storage.store import looked_at
 from dimersweep.storage.tilestore import tiles_of, words_for
 from dimersweep.studies.refine import Cell, cuts, refine
 from dimersweep.studies.search import search, study_of
 from tests.fakes import CODE, SLOT, banded_kernel, failing, forget_some, points_made, points_on_disk, same_bits
-from tests.seams import no_work, rows_made, use_kernel
+from tests.seams import rows_made, use_kernel
 
 COARSE = {
     "e": {"start": 0.4, "stop": 0.8, "num": 5},
@@ -178,23 +176,3 @@ def test_an_island_beside_a_border_is_seen(monkeypatch):
     drift = np.flatnonzero((names(cube["region"]) == "drift").isel(e=0))
     np.testing.assert_array_equal(drift, [90, *range(92, cube["Gamma"].size)])
     assert cube["computed"].mean() < 0.2
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"halvings": {"f": 2}}, "refine.f: is no axis of the map (e, Gamma)"),
-        ({"halvings": {"e": 0}}, "refine.e = 0: must be a whole number >= 1"),
-        ({"halvings": {"e": 13}}, "refine.e = 13: must be <= 12"),
-        ({"between": ["dive"]}, "between = 'dive': must be some of not_run, failed, rest, drift"),
-        (
-            {"grid": {"e": [0.5], "beta0": [0.1]}, "halvings": {"e": 1}},
-            "e = 0.5: a map to refine needs two values of each axis",
-        ),
-    ],
-)
-def test_bad_input_is_refused_before_any_work(monkeypatch, settings, message):
-    no_work(monkeypatch)
-    given = {"grid": COARSE} | SETTINGS | settings
-    with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
-        refine(given.pop("grid"), **given)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 
 import numpy as np
@@ -221,18 +220,6 @@ def test_a_long_point_can_be_stopped_within(monkeypatch):
     assert attempt(spec, (Tile(0, 1),), stop).finished == []
 
 
-def test_a_search_is_not_written_by_blocks(monkeypatch, tmp_path):
-    no_work(monkeypatch)
-    with pytest.raises(ParameterError, match=r"a.zarr: only a sweep of a whole grid is written as Zarr; give a NetCDF"):
-        quiet_search(out=tmp_path / "a.zarr")
-
-
-def test_a_search_larger_than_memory_is_refused_at_once():
-    grid = {name: {"start": 0.1, "stop": 0.9, "num": 1000} for name in ("e", "mu", "Gamma")} | {"beta0": [0.1, 0.2]}
-    with pytest.raises(ParameterError, match=r"^grid: 1000000000 points; one cube in memory may hold 50000000$"):
-        quiet_search(grid, {"mu_s": 0.9})
-
-
 @pytest.mark.jit
 def test_threads_give_the_bits_of_a_serial_search():
     grid = {"Gamma": [0.8, 0.9, 1.0], "f": [15, 25], "beta0": {"start": 4, "stop": 74, "step": 10, "unit": "deg"}}
@@ -285,23 +272,6 @@ def test_a_point_that_fails_marks_only_itself(fake_kernel, monkeypatch):
     assert failed.sel(f=3).all() and not failed.drop_sel(f=3).any()
     assert (names(cube["answer"]).sel(f=3) == "unsure").all()
     assert (names(cube["region"]).sel(f=3) == "failed").all()
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"over": "mu"}, "over = 'mu': must be one of the axes (f, e, beta0)"),
-        ({"ask": "most"}, "ask = 'most': must be any, all, first, fraction"),
-        ({"mode": "failed"}, "mode = 'failed': must be rest, drift, jump, flutter, period_n, aperiodic"),
-        ({"grid": {"beta0": [0.1]}}, "grid: has the axis beta0 only; a search needs one more"),
-        ({"orbit_periods": -1}, "orbit_periods = -1: must be a whole number >= 1"),
-        ({"workers": 0}, "workers = 0: must be a whole number >= 1"),
-    ],
-)
-def test_bad_input_is_refused_before_any_work(monkeypatch, settings, message):
-    no_work(monkeypatch)
-    with pytest.raises(ParameterError, match=f"^{re.escape(message)}"):
-        quiet_search(**settings)
 
 
 def test_a_search_is_written_and_read_back(fake_kernel, tmp_path):

@@ -167,24 +167,6 @@ def test_without_them_a_start_is_the_paper_s():
     assert not set(NEW) & set(Parameters(**zero).given())
 
 
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ({"gap0": -1e-6}, "gap0 = -1e-06: must be >= 0 (the lower end would be below the plate)"),
-        ({"gap0": "1 mm"}, "gap0 = '1 mm': the unit must be m"),
-        ({"gammadot0": float("nan")}, "gammadot0 = nan: must be finite"),
-        ({"start": {"beta": 0.2}, "gap0": 0.0}, "gap0: given together with start, which holds it; leave one out"),
-        ({"start": {"beta": 0.2}, "theta0": 0.1}, "theta0: given together with start, which holds it; leave one out"),
-        ({"start": {"beta": -0.2, "gap_1": 0.0}}, "start.gap_2 = -0.00993"),
-    ],
-)
-def test_starts_that_are_refused(given, message):
-    with pytest.raises(ParameterError) as error:
-        simulate(**given)
-    assert str(error.value).startswith(message)
-    assert "\n" not in str(error.value)
-
-
 @jit
 @pytest.mark.parametrize("name", NEW)
 def test_each_is_an_axis_of_sweeps_tables_searches_maps_and_files(name):

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 import dimersweep
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.results import Tile, split
-from dimersweep.errors import KernelError, ParameterError, StoreError, UnfinishedError
+from dimersweep.errors import KernelError, UnfinishedError
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import (
     CODE_MODE,
@@ -131,18 +131,6 @@ def test_what_has_not_settled_is_run_longer(monkeypatch, tmp_path, length):
     assert found["runs"].sel(f=15).values[[MODES.index("drift"), MODES.index("unresolved")]].tolist() == [30, 69]
 
 
-@pytest.mark.parametrize(
-    ("given", "told"),
-    [
-        ({"A_r": 4.0}, "A_r = 4.0: unknown option; what is the same at all points goes into fixed = {'A_r': 4.0}"),
-        ({"threads": 2}, "threads = 2: unknown option"),
-    ],
-)
-def test_an_option_that_there_is_not_is_named(fake_kernel, given, told):
-    with pytest.raises(TypeError, match=f"^{re.escape(told)}$"):
-        dimersweep.sweep(GRID, periods=2, **given)
-
-
 def test_a_point_that_fails_marks_only_itself(monkeypatch):
     use_kernel(monkeypatch, failing(lambda rows: rows[:, 3] == 20))
     set_pace(monkeypatch, 89)
@@ -255,59 +243,6 @@ def test_attributes_come_back_from_the_file(fake_kernel, monkeypatch, tmp_path, 
     told = dimersweep.open_cube(out).attrs
     assert {name: np.array(told[name]).tolist() for name in own} == own | {"ends": [0.5, 1.0]}
     assert set(cube.attrs) == OURS - {"extends"} | set(own)
-
-
-def test_every_maker_of_cubes_judges_attributes(monkeypatch):
-    no_work(monkeypatch)
-    how = {"periods": 5, "attrs": {"configuration": "x"}}
-    for make in (
-        lambda: dimersweep.bifurcation({"f": [15]}, **how),
-        lambda: search({"f": [15], "beta0": [0.1]}, over="beta0", **how),
-        lambda: dimersweep.refine({"f": [15, 20], "beta0": [0.1]}, halvings={"f": 1}, over="beta0", **how),
-    ):
-        with pytest.raises(ParameterError, match=r"^attrs: configuration: is taken by the program or the file format;"):
-            make()
-
-
-@pytest.mark.parametrize(
-    ("settings", "error", "message"),
-    [
-        ({"grid": {"f": []}}, ParameterError, "f: the axis is empty"),
-        ({"fixed": {"A_r": 1}}, ParameterError, "A_r = 1.0: must be >= 2"),
-        ({"periods": 0}, ParameterError, "periods = 0: must be a whole number >= 1"),
-        ({"max_periods": 4}, ParameterError, "max_periods = 4: must be >= periods = 5"),
-        (
-            {"max_periods": 9, "stop_when_settled": False},
-            ParameterError,
-            "max_periods = 9: is for runs that stop when they have settled",
-        ),
-        ({"rtol": 1}, ParameterError, "rtol = 1.0: must be in [1e-13, 0.01]"),
-        ({"periods": 2**63}, ParameterError, "periods = 9223372036854775808: must be <= 1000000000"),
-        ({"max_periods": 10**10}, ParameterError, "max_periods = 10000000000: must be <= 1000000000"),
-        ({"workers": 10**6}, ParameterError, "workers = 1000000: must be <= 4096"),
-        ({"workers": 0}, ParameterError, "workers = 0: must be a whole number >= 1"),
-        ({"attrs": {"dimersweep_cube": "9"}}, ParameterError, "attrs: dimersweep_cube: is taken by the program"),
-        ({"attrs": {"coordinates": "f"}}, ParameterError, "attrs: coordinates: is taken by the program or the file"),
-        ({"attrs": {"a/b": 1}}, ParameterError, "attrs: 'a/b': a name is a letter and at most 99 letters, digits"),
-        ({"attrs": {"": 1}}, ParameterError, "attrs: '': a name is a letter"),
-        ({"attrs": {5: 1}}, ParameterError, "attrs: 5: a name is a letter"),
-        ({"attrs": {"x": None}}, ParameterError, "attrs: x = None: must be a text, a finite number, or a list of such"),
-        ({"attrs": {"x": True}}, ParameterError, "attrs: x = True: must be a text"),
-        ({"attrs": {"x": {}}}, ParameterError, "attrs: x = {}: must be a text"),
-        ({"attrs": {"x": []}}, ParameterError, "attrs: x = []: must be a text"),
-        ({"attrs": {"x": [[1]]}}, ParameterError, "attrs: x = [[1]]: must be a text"),
-        ({"attrs": {"x": "a\0"}}, ParameterError, "attrs: x = 'a\\x00': must be a text"),
-        ({"attrs": {"x": "\ud800"}}, ParameterError, "attrs: x = '\\ud800': must be a text"),
-        ({"attrs": {"title": 3}}, ParameterError, "attrs: title = 3: must be a text"),
-        ({"attrs": {"plot": "cake"}}, ParameterError, "attrs: plot = 'cake': must be one of segments, mode_map"),
-        ({"attrs": "title"}, ParameterError, "attrs = 'title': must be a mapping of names to values"),
-        ({"out": "/nowhere/cube.nc"}, StoreError, "out = /nowhere/cube.nc: the folder /nowhere does not exist"),
-    ],
-)
-def test_bad_input_is_refused_before_any_work(monkeypatch, settings, error, message):
-    no_work(monkeypatch)
-    with pytest.raises(error, match=f"^{re.escape(message)}"):
-        quiet_sweep(**settings)
 
 
 def test_tiles_travel_by_pickle(fake_kernel):
