@@ -9,8 +9,9 @@ from dimersweep.kernel.event_loop import evolve, start_state
 from dimersweep.kernel.mean_path import note_path
 from dimersweep.kernel.model.body import set_dimer
 from dimersweep.kernel.model.layout import (
-    AT,
     BOTH_DOWN,
+    CA,
+    CB,
     FREE,
     M_APERIODIC,
     M_DRIFT,
@@ -21,6 +22,8 @@ from dimersweep.kernel.model.layout import (
     N_ROW,
     N_STATE,
     OK,
+    PERIOD,
+    PHASE,
     STOPPED,
     V_SPEED,
     Codes,
@@ -112,7 +115,7 @@ def begin_run(dm, row, starts, k, run):
     else:
         copy(starts[k], run.state, N_STATE)
         run.modes[0], run.modes[1] = starts[k, N_STATE], starts[k, N_STATE + 1]
-    if run.state[AT.period] == 0.0:
+    if run.state[PERIOD] == 0.0:
         begin_past(run.past[0])
 
 
@@ -121,10 +124,10 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     """A run from its start to its verdict; fills its outcome."""
     clear_counts(record.counts)
     status, at_rest = evolve(dm, ask, run, record)
-    codes.status, codes.n_events, codes.n_periods = status, record.counts[EVENT_COUNT], int(run.state[AT.period])
+    codes.status, codes.n_events, codes.n_periods = status, record.counts[EVENT_COUNT], int(run.state[PERIOD])
     verdict(dm, run.state, run.past[0], at_rest, ask.periods - codes.n_periods, codes, out)
     if codes.mode in BOTH_DOWN:
-        out.orbit[V_SPEED] = length(run.state[AT.ca], run.state[AT.cb])
+        out.orbit[V_SPEED] = length(run.state[CA], run.state[CB])
     if status != OK:
         note_failure(status, out, codes)
 
@@ -153,8 +156,8 @@ def follow_with_twin(dm, ask, run, later, twin, record):
         motion = later if which == 0 else twin
         copy(run.state, motion.state, N_STATE)
         copy(run.modes, motion.modes, 2)
-    twin.state[AT.phase] = TWIN_SHIFT
-    begun = int(run.state[AT.period])
+    twin.state[PHASE] = TWIN_SHIFT
+    begun = int(run.state[PERIOD])
     for stretch in range(max(1, ask.periods // STRETCH_FOR)):
         further = Ask(begun + STRETCH * (stretch + 1), ask.rtol, ask.close, False, ask.path)
         for which in range(2):

@@ -9,7 +9,7 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.course import Ask
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.model.body import TWO_PI, centre, set_dimer
-from dimersweep.kernel.model.layout import AT, N_STATE, OK, V_RATE
+from dimersweep.kernel.model.layout import GAMMA, N_STATE, OK, PERIOD, PHASE, THETA, V_RATE, X1, Y1
 from dimersweep.kernel.model.plate import start_later
 from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.sincos import sincos
@@ -44,14 +44,14 @@ def note_path(dm, ask, run, later, space, record, out):
     state, moved = later.state, space.later_dimer
     copy(run.state, state, N_STATE)
     copy(run.modes, later.modes, 2)
-    state[AT.x1] = state[AT.y1] = state[AT.gamma] = 0.0  # only how far they go counts
+    state[X1] = state[Y1] = state[GAMMA] = 0.0  # only how far they go counts
     begin_past(later.past[0])
     step, part = out.orbit[V_RATE] * dm.period / ARCS, TWO_PI / ARCS
     start_later(space.row, part - TWO_PI)
-    heading, (x, y) = state[AT.theta], centre(dm, state)
+    heading, (x, y) = state[THETA], centre(dm, state)
     along, across = 0.0, 0.0
     for k in range(ARCS):  # the last part of a forcing period of a plate that is ahead by as much
-        state[AT.phase], state[AT.period] = TWO_PI - part, 0.0
+        state[PHASE], state[PERIOD] = TWO_PI - part, 0.0
         set_dimer(space.row, moved)
         status, _ = evolve(moved, Ask(1, ask.rtol, ask.close, False, True), later, record)
         if status != OK:
@@ -62,7 +62,7 @@ def note_path(dm, ask, run, later, space, record, out):
         along += c * (next_x - x) + s * (next_y - y)
         across += c * (next_y - y) - s * (next_x - x)
         x, y = next_x, next_y
-    turn = state[AT.theta] - heading
+    turn = state[THETA] - heading
     s, _ = sincos(0.5 * turn / ARCS)
     way = length(along, across) * (0.5 * turn / ARCS / s if s != 0.0 else 1.0)  # an arc over its chord
     out.path_speed = way / dm.period

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from dimersweep.kernel.model.layout import AT, N_STATE
+from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, N1, N2, N_STATE, PHASE, SPIN, THETA, WB, WP, X1
 from tests.checks.verbs import angular_momentum, dimer, fly, gap_series, oracle_state, state_of, take_off
 from tests.oracle import body
 from tests.oracle.contact import Instant, State
@@ -30,9 +30,9 @@ def random_motion(seed):
 
 def axis_and_rate(dm, state):
     """The axis from p1 to p2 and its rate in the frame (a, b, n) of the heading at the start."""
-    b = state[AT.dip]
+    b = state[DIP]
     axis = np.array([cos(b), 0, sin(b)])
-    return axis, np.array([-sin(b) * state[AT.wb], -state[AT.wp], cos(b) * state[AT.wb]])
+    return axis, np.array([-sin(b) * state[WB], -state[WP], cos(b) * state[WB]])
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -73,18 +73,18 @@ def test_gaps_of_a_tumbling_dimer(seed):
     axis, rate = axis_and_rate(dm, state)
     momentum = -np.array(angular_momentum(dm, state))  # the frame (a, b, n) is left-handed
     np.testing.assert_allclose(np.cross(momentum, axis), rate, atol=1e-12)
-    climb = 0.5 * (state[AT.n1] + state[AT.n2]) + dm.A_z * dm.omega * cos(0.4 + dm.phi0)
+    climb = 0.5 * (state[N1] + state[N2]) + dm.A_z * dm.omega * cos(0.4 + dm.phi0)
     passed = False
     for t in np.linspace(0.01, 0.6, 40):
         end = flown(dm, state, t)
         turned = Rotation.from_rotvec(momentum * t).apply(axis)
         height = climb * t - 0.5 * dm.g * t**2
         plate = dm.A_z * (sin(dm.omega * t + 0.4 + dm.phi0) - sin(0.4 + dm.phi0))
-        centre = 0.5 * (state[AT.d1] + state[AT.d2]) + height - plate
+        centre = 0.5 * (state[D1] + state[D2]) + height - plate
         expected = centre + np.array([-1, 1]) * dm.p2.h * turned[2]
-        np.testing.assert_allclose(end[[AT.d1, AT.d2]], expected, atol=1e-14)
-        assert sin(end[AT.dip]) == pytest.approx(turned[2], abs=1e-13)
-        passed = passed or abs(end[AT.dip]) > 1.2
+        np.testing.assert_allclose(end[[D1, D2]], expected, atol=1e-14)
+        assert sin(end[DIP]) == pytest.approx(turned[2], abs=1e-13)
+        passed = passed or abs(end[DIP]) > 1.2
     assert passed
 
 
@@ -103,15 +103,15 @@ def test_invariants(seed):
 
 def _invariants(dm, state):
     """Energy in the lab, angular momentum and horizontal momentum in fixed axes."""
-    phase = state[AT.phase] + dm.phi0
-    climb = 0.5 * (state[AT.n1] + state[AT.n2]) + dm.A_z * dm.omega * cos(phase)
-    height = 0.5 * (state[AT.d1] + state[AT.d2]) + dm.A_z * sin(phase)
-    moving = dm.m * (state[AT.ca] ** 2 + state[AT.cb] ** 2 + climb**2 + 2 * dm.g * height)
-    energy = 0.5 * (moving + dm.J_t * (state[AT.wb] ** 2 + state[AT.wp] ** 2) + dm.J_a * state[AT.spin] ** 2)
+    phase = state[PHASE] + dm.phi0
+    climb = 0.5 * (state[N1] + state[N2]) + dm.A_z * dm.omega * cos(phase)
+    height = 0.5 * (state[D1] + state[D2]) + dm.A_z * sin(phase)
+    moving = dm.m * (state[CA] ** 2 + state[CB] ** 2 + climb**2 + 2 * dm.g * height)
+    energy = 0.5 * (moving + dm.J_t * (state[WB] ** 2 + state[WP] ** 2) + dm.J_a * state[SPIN] ** 2)
     L_a, L_b, L_n = angular_momentum(dm, state)
-    s, c = sin(state[AT.theta]), cos(state[AT.theta])
+    s, c = sin(state[THETA]), cos(state[THETA])
     momentum = np.array([c * L_b - s * L_a, c * L_a + s * L_b, L_n])
-    drift = np.array([c * state[AT.cb] - s * state[AT.ca], c * state[AT.ca] + s * state[AT.cb]])
+    drift = np.array([c * state[CB] - s * state[CA], c * state[CA] + s * state[CB]])
     return energy, momentum, drift
 
 
@@ -120,11 +120,11 @@ def _invariants(dm, state):
 def test_gaps_of_hops_of_any_size_keep_ten_digits(hop, s):
     dm = dimer(Gamma=0.8, phi0=0.3)
     state = np.zeros(N_STATE)
-    state[[AT.dip, AT.wb, AT.wp, AT.spin]] = -0.2 * s, 3.0, 4.0, 90.0
+    state[[DIP, WB, WP, SPIN]] = -0.2 * s, 3.0, 4.0, 90.0
     own, other = (0, 1) if s < 0 else (1, 0)
-    state[AT.d1 + other] = -s * dm.l * sin(state[AT.dip])
-    state[AT.n1 + own] = 0.5 * 9.0 * hop
-    state[AT.n1 + other] = state[AT.n1 + own] - s * dm.l * cos(state[AT.dip]) * state[AT.wb]
+    state[D1 + other] = -s * dm.l * sin(state[DIP])
+    state[N1 + own] = 0.5 * 9.0 * hop
+    state[N1 + other] = state[N1 + own] - s * dm.l * cos(state[DIP]) * state[WB]
     gap, rate, _, _ = gap_series(take_off(dm, state), s, hop)
     with mpmath.workdps(50):
         exact = _exact_gap(dm, state, s, own)
@@ -137,7 +137,7 @@ def test_gaps_of_hops_of_any_size_keep_ten_digits(hop, s):
 def _exact_gap(dm, state, s, own):
     """The gap over time in 50 digits: ballistic centre, axis turned about L, harmonic plate."""
     mp = mpmath.mpf
-    beta, w_b, w_p, spin = (mp(float(state[k])) for k in (AT.dip, AT.wb, AT.wp, AT.spin))
+    beta, w_b, w_p, spin = (mp(float(state[k])) for k in (DIP, WB, WP, SPIN))
     ratio = mp(float(dm.J_a)) / mp(float(dm.J_t))
     sb, cb = mpmath.sin(beta), mpmath.cos(beta)
     L = (-sb * w_p + cb * ratio * spin, w_b, cb * w_p + sb * ratio * spin)
@@ -151,41 +151,41 @@ def _exact_gap(dm, state, s, own):
         return mp(s) * h * dip - A * mpmath.sin(omega * t + phi)
 
     slope = mp(s) * h * cb * w_b - A * omega * mpmath.cos(phi)
-    rate = mp(float(state[AT.n1 + own]))
+    rate = mp(float(state[N1 + own]))
     return lambda t: (rate - slope) * t - g * t**2 / 2 + rest(t) - rest(mp(0))
 
 
 def test_planar_motion_stays_planar_exactly():
     dm = dimer(Gamma=1.1)
     state = np.zeros(N_STATE)
-    state[[AT.d1, AT.d2]] = 0.01, 0.01 + dm.l * sin(0.3)
-    state[[AT.dip, AT.wb, AT.ca, AT.n1, AT.n2]] = 0.3, 5.0, 0.4, 0.5, 0.5 + dm.l * cos(0.3) * 5
+    state[[D1, D2]] = 0.01, 0.01 + dm.l * sin(0.3)
+    state[[DIP, WB, CA, N1, N2]] = 0.3, 5.0, 0.4, 0.5, 0.5 + dm.l * cos(0.3) * 5
     end = flown(dm, state, 0.1)
-    assert not end[[AT.cb, AT.wp, AT.spin, AT.theta, AT.x1]].any()
-    assert end[AT.dip] == pytest.approx(0.8, rel=1e-14)
-    assert (end[AT.ca], end[AT.wb]) == (pytest.approx(0.4, rel=1e-15), pytest.approx(5.0, rel=1e-15))
+    assert not end[[CB, WP, SPIN, THETA, X1]].any()
+    assert end[DIP] == pytest.approx(0.8, rel=1e-14)
+    assert (end[CA], end[WB]) == (pytest.approx(0.4, rel=1e-15), pytest.approx(5.0, rel=1e-15))
 
 
 def test_a_flight_without_rotation():
     dm = dimer(Gamma=0.5)
     state = np.zeros(N_STATE)
-    state[[AT.d1, AT.d2, AT.n1, AT.n2, AT.ca, AT.cb]] = 0.01, 0.01, 0.2, 0.2, 0.3, -0.4
+    state[[D1, D2, N1, N2, CA, CB]] = 0.01, 0.01, 0.2, 0.2, 0.3, -0.4
     end = flown(dm, state, 0.02)
     plate = dm.A_z * sin(dm.omega * 0.02)
     height = 0.01 + (0.2 + dm.A_z * dm.omega) * 0.02 - 0.5 * dm.g * 0.02**2 - plate
-    np.testing.assert_allclose(end[[AT.d1, AT.d2]], height, rtol=1e-13)
-    np.testing.assert_allclose(end[[AT.ca, AT.cb, AT.dip, AT.theta]], (0.3, -0.4, 0, 0), rtol=1e-15)
-    assert end[AT.x1] == pytest.approx(-0.4 * 0.02, rel=1e-14)
+    np.testing.assert_allclose(end[[D1, D2]], height, rtol=1e-13)
+    np.testing.assert_allclose(end[[CA, CB, DIP, THETA]], (0.3, -0.4, 0, 0), rtol=1e-15)
+    assert end[X1] == pytest.approx(-0.4 * 0.02, rel=1e-14)
 
 
 def test_the_heading_is_followed_over_many_turns():
     """Fast precession about the vertical: theta counts whole turns, and so does the spinning angle."""
     dm = dimer()
     state = np.zeros(N_STATE)
-    state[[AT.wp, AT.spin]] = 40.0, 0.0
+    state[[WP, SPIN]] = 40.0, 0.0
     end = flown(dm, state, 2.0)
-    assert end[AT.theta] == pytest.approx(80.0, rel=1e-13)
-    assert end[AT.theta] > 12 * 2 * pi
+    assert end[THETA] == pytest.approx(80.0, rel=1e-13)
+    assert end[THETA] > 12 * 2 * pi
     assert end[14] == pytest.approx(0.0, abs=1e-12)
 
 
@@ -205,24 +205,24 @@ def test_the_heading_turns_as_in_many_small_flights_however_far(upright):
     rng, dm = np.random.default_rng(5), dimer(Gamma=0.0)
     for _ in range(60):
         state = np.zeros(N_STATE)
-        state[AT.wb], state[AT.wp], state[AT.spin] = rng.normal(size=3) * 10 ** rng.uniform(0, 2, 3)
+        state[WB], state[WP], state[SPIN] = rng.normal(size=3) * 10 ** rng.uniform(0, 2, 3)
         if upright:  # the axis turns in a plane that is a little off the vertical
-            state[AT.wp], state[AT.spin] = 1e-3 * state[AT.wp], 1e-3 * state[AT.spin]
-        state[AT.dip], state[AT.d1], state[AT.d2] = rng.uniform(-1.5, 1.5), 1.0, 1.0
+            state[WP], state[SPIN] = 1e-3 * state[WP], 1e-3 * state[SPIN]
+        state[DIP], state[D1], state[D2] = rng.uniform(-1.5, 1.5), 1.0, 1.0
         rate = take_off(dm, state).Omega
         t, pieces, small, whole = rng.uniform(0, 60) / rate, 4000, state.copy(), state.copy()
         fly(dm, whole, t)
         for _ in range(pieces):
             fly(dm, small, t / pieces)
-        assert whole[AT.theta] == pytest.approx(small[AT.theta], abs=1e-6)
+        assert whole[THETA] == pytest.approx(small[THETA], abs=1e-6)
 
 
 @pytest.mark.jit
 def test_a_flight_of_a_billion_turns_takes_no_longer_than_its_formula():
     """Each turn of an axis around the vertical is one of the heading; a loop over them would take minutes for 1,000 flights."""
     dm, state = dimer(Gamma=0.0), np.zeros(N_STATE)
-    state[AT.wp], state[AT.d1], state[AT.d2] = 1e9, 1.0, 1.0
+    state[WP], state[D1], state[D2] = 1e9, 1.0, 1.0
     for _ in range(1000):
         flown = state.copy()
         fly(dm, flown, 2 * np.pi)
-        assert flown[AT.theta] == pytest.approx(2e9 * np.pi, rel=1e-14)
+        assert flown[THETA] == pytest.approx(2e9 * np.pi, rel=1e-14)

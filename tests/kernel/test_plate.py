@@ -11,7 +11,23 @@ import pytest
 from dimersweep.kernel.compiler.jit import plain
 from dimersweep.kernel.model import plate as plate_of
 from dimersweep.kernel.model.body import dimer_of
-from dimersweep.kernel.model.layout import AT, FREE, N_STATE, ROW_PHI0, ROW_PHI_2, SLIP, STICK
+from dimersweep.kernel.model.layout import (
+    D1,
+    D2,
+    DIP,
+    FREE,
+    N1,
+    N2,
+    N_STATE,
+    PHASE,
+    ROW_PHI0,
+    ROW_PHI_2,
+    SLIP,
+    SPIN,
+    STICK,
+    WB,
+    WP,
+)
 from dimersweep.kernel.model.plate import motion, motion_along, phases_later
 from tests.checks.verbs import (
     along_plate,
@@ -155,11 +171,11 @@ def hop(plate, seed):
     dm, _, _ = made(plate)
     rng = np.random.default_rng(seed)
     state = np.zeros(N_STATE)
-    state[AT.phase], state[AT.dip] = rng.uniform(0, 2 * pi), rng.uniform(0.0, 0.4)
-    state[[AT.wb, AT.wp, AT.spin]] = rng.normal(size=3) * [5, 5, 60]
-    state[AT.n1] = 10.0 ** rng.uniform(-6, 0)
-    state[AT.d2] = state[AT.d1] + dm.l * np.sin(state[AT.dip])
-    state[AT.n2] = state[AT.n1] + dm.l * np.cos(state[AT.dip]) * state[AT.wb]
+    state[PHASE], state[DIP] = rng.uniform(0, 2 * pi), rng.uniform(0.0, 0.4)
+    state[[WB, WP, SPIN]] = rng.normal(size=3) * [5, 5, 60]
+    state[N1] = 10.0 ** rng.uniform(-6, 0)
+    state[D2] = state[D1] + dm.l * np.sin(state[DIP])
+    state[N2] = state[N1] + dm.l * np.cos(state[DIP]) * state[WB]
     return dm, state
 
 
@@ -169,14 +185,14 @@ def test_the_gap_of_a_flight(plate, seed):
     """Its derivatives, and the plate's part in it, which grows from nothing to all digits."""
     dm, state = hop(plate, seed)
     fl, at_rest = take_off(dm, state), take_off(made({"Gamma": 0.0})[0], state)
-    start = state[AT.phase] + dm.phi0
+    start = state[PHASE] + dm.phi0
     with mpmath.workdps(40):
         t_0 = (mpmath.mpf(float(start)) - plate.get("phi0", 0.0)) / (2 * mpmath.pi * 15)
         for t in (1e-7, 1e-4, 3e-3, 0.1):
             z, rate = height(plate, t_0), mpmath.diff(lambda x: height(plate, x), t_0)
             moved = float(height(plate, t_0 + t) - z - rate * t)
             apart = np.array(gap_series(at_rest, -1.0, t)) - gap_series(fl, -1.0, t)
-            assert apart[0] == pytest.approx(moved, rel=1e-9, abs=1e-16 * max(1.0, state[AT.n1]))
+            assert apart[0] == pytest.approx(moved, rel=1e-9, abs=1e-16 * max(1.0, state[N1]))
             higher = [float(mpmath.diff(lambda x: height(plate, x), t_0 + t, n)) for n in (1, 2, 3)]
             higher[0] -= float(rate)
             np.testing.assert_allclose(apart[1:], higher, rtol=1e-9, atol=1e-12)

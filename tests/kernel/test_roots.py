@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from dimersweep.kernel.flight.free_motion import Flight
 from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES
-from dimersweep.kernel.model.layout import AT, N_STATE
+from dimersweep.kernel.model.layout import D1, D2, DIP, N1, N2, N_STATE, PHASE, SPIN, WB, WP
 from dimersweep.kernel.model.plate import Sway
 from tests.checks.verbs import dimer, first_landing, gap_series, next_landing, take_off
 
@@ -36,13 +36,13 @@ def random_flight(rng, k):
     """Off the plate, or just leaving it with one end: slow and fast, spinning, tumbling, on weak and strong plates."""
     dm = dimer(Gamma=rng.uniform(0, 2.5), f=rng.uniform(8, 60), A_r=rng.uniform(2, 9))
     state = np.zeros(N_STATE)
-    state[AT.phase] = rng.uniform(0, 2 * pi)
-    state[AT.dip] = rng.uniform(0, 0.5) * rng.choice([1, 0.01])
-    state[[AT.wb, AT.wp, AT.spin]] = rng.normal(size=3) * [10, 10, 200] * rng.choice([0, 0.1, 1, 5])
-    state[AT.d1] = rng.choice([0, 1e-9, 1e-4, 0.01])
-    state[AT.n1] = abs(rng.normal()) * rng.choice([1e-4, 0.1, 1])
-    state[AT.d2] = state[AT.d1] + dm.l * sin(state[AT.dip])
-    state[AT.n2] = state[AT.n1] + dm.l * cos(state[AT.dip]) * state[AT.wb]
+    state[PHASE] = rng.uniform(0, 2 * pi)
+    state[DIP] = rng.uniform(0, 0.5) * rng.choice([1, 0.01])
+    state[[WB, WP, SPIN]] = rng.normal(size=3) * [10, 10, 200] * rng.choice([0, 0.1, 1, 5])
+    state[D1] = rng.choice([0, 1e-9, 1e-4, 0.01])
+    state[N1] = abs(rng.normal()) * rng.choice([1e-4, 0.1, 1])
+    state[D2] = state[D1] + dm.l * sin(state[DIP])
+    state[N2] = state[N1] + dm.l * cos(state[DIP]) * state[WB]
     return take_off(dm, state), dm.period
 
 

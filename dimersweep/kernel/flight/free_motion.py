@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import TWO_PI, attitude, lift
-from dimersweep.kernel.model.layout import AT
+from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, GAMMA, N1, N2, PHASE, SPIN, THETA, WB, WP, X1, Y1
 from dimersweep.kernel.model.plate import over_plate, snap_bound, sway_from, swing
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos, x_minus_sin
@@ -39,37 +39,37 @@ class Flight(NamedTuple):
 @compiled
 def angular_momentum(dm, state, sin_b, cos_b):
     """Angular momentum over J_t in the frame (a, b, n) of the present heading: L_a, L_b, L_n [rad s-1]."""
-    axial = dm.J_a / dm.J_t * state[AT.spin]
+    axial = dm.J_a / dm.J_t * state[SPIN]
     return (
-        -sin_b * state[AT.wp] + cos_b * axial,
-        state[AT.wb],
-        cos_b * state[AT.wp] + sin_b * axial,
+        -sin_b * state[WP] + cos_b * axial,
+        state[WB],
+        cos_b * state[WP] + sin_b * axial,
     )
 
 
 @compiled
 def take_off(dm, state):
     """Flight that starts from a state."""
-    sin_b, cos_b = attitude(dm, state[AT.dip])
+    sin_b, cos_b = attitude(dm, state[DIP])
     L = angular_momentum(dm, state, sin_b, cos_b)
     Omega = sqrt(L[0] * L[0] + L[1] * L[1] + L[2] * L[2])
     c1, c2 = 0.0, 0.0
     if Omega > 0.0:
-        c1 = sin_b - dm.J_a / dm.J_t * state[AT.spin] * L[2] / (Omega * Omega)
-        c2 = cos_b * state[AT.wb] / Omega
+        c1 = sin_b - dm.J_a / dm.J_t * state[SPIN] * L[2] / (Omega * Omega)
+        c2 = cos_b * state[WB] / Omega
     O2 = Omega * Omega
     return Flight(
-        state[AT.d1],
-        state[AT.d2],
-        state[AT.n1],
-        state[AT.n2],
+        state[D1],
+        state[D2],
+        state[N1],
+        state[N2],
         dm.g,
         dm.p1.h,
         dm.p2.h,
         Omega,
         c1,
         c2,
-        sway_from(dm, state[AT.phase] + dm.phi0),
+        sway_from(dm, state[PHASE] + dm.phi0),
         max(-dm.p1.h, dm.p2.h) * O2 * O2 * sqrt(c1 * c1 + c2 * c2) + snap_bound(dm),
         sin_b,
         cos_b,
@@ -136,11 +136,11 @@ def fly(dm, fl, state, t, path):
     sin_b, cos_b, (L_a, L_b, L_n) = fl.sin_b, fl.cos_b, fl.L
     gap_1, rate_1, _, _ = gap_series(fl, 0, t)
     gap_2, rate_2, _, _ = gap_series(fl, 1, t)
-    u_a, u_b, rise = cos_b, 0.0, lift(dm, state[AT.dip])
+    u_a, u_b, rise = cos_b, 0.0, lift(dm, state[DIP])
     turn = 0.0
     if fl.Omega > 0.0:
-        kappa = dm.J_a / dm.J_t * state[AT.spin] / fl.Omega
-        v_a, v_b = -sin_b * state[AT.wb] / fl.Omega, -state[AT.wp] / fl.Omega
+        kappa = dm.J_a / dm.J_t * state[SPIN] / fl.Omega
+        v_a, v_b = -sin_b * state[WB] / fl.Omega, -state[WP] / fl.Omega
         x = fl.Omega * t
         s, c = sincos(x)
         par_a, par_b = kappa * L_a / fl.Omega, kappa * L_b / fl.Omega
@@ -153,34 +153,34 @@ def fly(dm, fl, state, t, path):
         advance_path(dm, fl, state, t, turn, (u_a, u_b, u_n), (co, si))
     if dm.sideways != 0.0:
         swing_along(dm, state, t, path)
-    c_a, c_b = state[AT.ca], state[AT.cb]
-    state[AT.phase] += dm.omega * t
-    state[AT.n1], state[AT.n2] = rate_1, rate_2
+    c_a, c_b = state[CA], state[CB]
+    state[PHASE] += dm.omega * t
+    state[N1], state[N2] = rate_1, rate_2
     # the smaller gap keeps its relative precision, the other one follows from the dip
     if abs(gap_1) <= abs(gap_2):
-        state[AT.d1], state[AT.d2] = gap_1, gap_1 + dm.l * rise
+        state[D1], state[D2] = gap_1, gap_1 + dm.l * rise
     else:
-        state[AT.d1], state[AT.d2] = gap_2 - dm.l * rise, gap_2
-    state[AT.dip] = dip_at(dm, rise, u_n, new_cos)
-    state[AT.wb] = L_b * co - L_a * si
-    state[AT.wp] = -u_n * (L_a * co + L_b * si) + new_cos * L_n
-    state[AT.ca] = c_a * co + c_b * si
-    state[AT.cb] = c_b * co - c_a * si
-    state[AT.theta] -= turn
+        state[D1], state[D2] = gap_2 - dm.l * rise, gap_2
+    state[DIP] = dip_at(dm, rise, u_n, new_cos)
+    state[WB] = L_b * co - L_a * si
+    state[WP] = -u_n * (L_a * co + L_b * si) + new_cos * L_n
+    state[CA] = c_a * co + c_b * si
+    state[CB] = c_b * co - c_a * si
+    state[THETA] -= turn
 
 
 @compiled
 def swing_along(dm, state, t, path):
     """Add what a plate that is tilted or moves along itself does to the velocity and the place over a flight, in place."""
-    phase = state[AT.phase] + dm.phi0
-    sin_t, cos_t = sincos(state[AT.theta])
+    phase = state[PHASE] + dm.phi0
+    sin_t, cos_t = sincos(state[THETA])
     v_x, x = swing(dm.fall_x, dm.G_x, dm.omega, phase + dm.lag_x, t)
     v_y, y = swing(dm.fall_y, dm.G_y, dm.omega, phase + dm.lag_y, t)
-    state[AT.ca] += v_y * cos_t - v_x * sin_t
-    state[AT.cb] += v_x * cos_t + v_y * sin_t
+    state[CA] += v_y * cos_t - v_x * sin_t
+    state[CB] += v_x * cos_t + v_y * sin_t
     if path:
-        state[AT.x1] += x
-        state[AT.y1] += y
+        state[X1] += x
+        state[Y1] += y
 
 
 @compiled
@@ -189,14 +189,14 @@ def advance_path(dm, fl, state, t, turn, u, new):
 
     At its end the axis is u, in the frame of the heading at the start, and `new` are cosine and sine of the new heading there.
     """
-    sin_t, cos_t = sincos(state[AT.theta])
+    sin_t, cos_t = sincos(state[THETA])
     (u_a, u_b, u_n), (co, si) = u, new
-    s_a = state[AT.ca] * t + dm.p1.h * (u_a - fl.cos_b)
-    s_b = state[AT.cb] * t + dm.p1.h * u_b
-    state[AT.x1] += -s_a * sin_t + s_b * cos_t
-    state[AT.y1] += s_a * cos_t + s_b * sin_t
-    spin = state[AT.spin]
-    state[AT.gamma] += (1.0 - dm.J_a / dm.J_t) * spin * t
+    s_a = state[CA] * t + dm.p1.h * (u_a - fl.cos_b)
+    s_b = state[CB] * t + dm.p1.h * u_b
+    state[X1] += -s_a * sin_t + s_b * cos_t
+    state[Y1] += s_a * cos_t + s_b * sin_t
+    spin = state[SPIN]
+    state[GAMMA] += (1.0 - dm.J_a / dm.J_t) * spin * t
     if fl.Omega == 0.0:
         return
     # b turned about L, measured against the new b in the plane across the axis
@@ -212,6 +212,6 @@ def advance_path(dm, fl, state, t, turn, u, new):
     along_p = -u_n * (b_a * co + b_b * si) + new_cos * b_n
     angle = atan2(-along_p, along_b)
     # the winding follows the heading: gamma' = spin - theta' sin(beta)
-    guess = dm.J_a / dm.J_t * spin * t + turn * 0.5 * (dm.sin_0 + lift(dm, state[AT.dip]) + u_n)
+    guess = dm.J_a / dm.J_t * spin * t + turn * 0.5 * (dm.sin_0 + lift(dm, state[DIP]) + u_n)
     angle += TWO_PI * round((guess - angle) / TWO_PI)
-    state[AT.gamma] += angle
+    state[GAMMA] += angle

@@ -118,7 +118,6 @@ class State(NamedTuple):
 
 
 N_STATE = len(State._fields)
-AT = State(*range(N_STATE))  # the slots by name: ``state[AT.d1]``
 PHASE, D1, D2, N1, N2, DIP, WB, WP, SPIN, CA, CB, THETA, X1, Y1, GAMMA, PERIOD = range(N_STATE)
 
 # --- friction modes of an end ---------------------------------------------------------------------------------------

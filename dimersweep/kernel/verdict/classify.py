@@ -10,7 +10,6 @@ from math import copysign, nan, pi
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import extent
 from dimersweep.kernel.model.layout import (
-    AT,
     DI_NONE,
     M_DRIFT,
     M_FLUTTER,
@@ -21,12 +20,14 @@ from dimersweep.kernel.model.layout import (
     M_SLIDES,
     M_UNRESOLVED,
     N_ORBIT,
+    THETA,
     TRACK,
     V_PHASE,
     V_RADIUS,
     V_RATE,
     V_SPEED,
     V_ZETA,
+    WP,
 )
 from dimersweep.kernel.model.plate import keeps_speed
 from dimersweep.kernel.verdict.past import RING, double, strobe
@@ -101,7 +102,7 @@ def mode_on_the_plate(dm, state, past, at_rest):
         return M_REST
     if past.held < STAYS:
         return M_SLIDES
-    return M_REST if keeps_speed(dm, state[AT.theta], state[AT.wp]) else M_ROLLS
+    return M_REST if keeps_speed(dm, state[THETA], state[WP]) else M_ROLLS
 
 
 @compiled

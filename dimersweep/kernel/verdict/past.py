@@ -10,7 +10,23 @@ from typing import Annotated
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import contact_velocity, extent
-from dimersweep.kernel.model.layout import AT, DI_SP_SP, FREE, SLIP, STICK
+from dimersweep.kernel.model.layout import (
+    CA,
+    CB,
+    D1,
+    D2,
+    DI_SP_SP,
+    FREE,
+    N1,
+    N2,
+    PERIOD,
+    PHASE,
+    SLIP,
+    SPIN,
+    STICK,
+    THETA,
+    WB,
+)
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.verdict.track import TrackState
 
@@ -99,7 +115,7 @@ def double(past, back):
 @compiled
 def time_of(dm, state):
     """Time since the start [s]."""
-    return state[AT.period] * dm.period + state[AT.phase] / dm.omega
+    return state[PERIOD] * dm.period + state[PHASE] / dm.omega
 
 
 @compiled
@@ -161,10 +177,10 @@ def note_landings(dm, past, state):
     now = time_of(dm, state)
     long_flight, end = False, 0
     for i in range(2):
-        if state[AT.d1 + i] == 0.0:
+        if state[D1 + i] == 0.0:
             if note_landing(dm, past, i, now):
                 long_flight, end = True, i
-            elif state[AT.n1 + i] < 0.0 and not long_flight:
+            elif state[N1 + i] < 0.0 and not long_flight:
                 end = i
     other_off = past.off[1 - end]
     return end, long_flight and (other_off < 0.0 or now - other_off < HOP_LINE * dm.period)
@@ -221,10 +237,10 @@ def note_impact(dm, state, past, both, i, begins):
     else:
         return
     event.time = now
-    event.phase = (state[AT.phase] + dm.phi0) / (2.0 * pi) % 1.0
-    event.speed = length(state[AT.ca], state[AT.cb])
-    event.zeta = zeta_of(state[AT.ca], state[AT.cb], i)
-    event.theta, event.spin, event.beta_rate = state[AT.theta], state[AT.spin], state[AT.wb]
+    event.phase = (state[PHASE] + dm.phi0) / (2.0 * pi) % 1.0
+    event.speed = length(state[CA], state[CB])
+    event.zeta = zeta_of(state[CA], state[CB], i)
+    event.theta, event.spin, event.beta_rate = state[THETA], state[SPIN], state[WB]
     event.end = _double_end(sticks(dm, state, 1 - i), sticks(dm, state, i))
 
 
@@ -235,11 +251,11 @@ def note_strobe(dm, state, modes, past):
     row = past.strobes[strobe(past, 0)]
     speed = dm.g / dm.omega
     unit = speed / dm.omega
-    row.x[0], row.x[1] = state[AT.d1] / unit, state[AT.d2] / unit
-    row.x[2], row.x[3] = state[AT.n1] / speed, state[AT.n2] / speed
-    row.spin = extent(dm)[0] * state[AT.spin] / speed
-    row.theta = state[AT.theta]
-    row.heading = state[AT.theta] if dm.sideways != 0.0 else 0.0  # else it is of no consequence
+    row.x[0], row.x[1] = state[D1] / unit, state[D2] / unit
+    row.x[2], row.x[3] = state[N1] / speed, state[N2] / speed
+    row.spin = extent(dm)[0] * state[SPIN] / speed
+    row.theta = state[THETA]
+    row.heading = state[THETA] if dm.sideways != 0.0 else 0.0  # else it is of no consequence
     row.doubles = past.n_doubles
     row.time = time_of(dm, state)
     for i in range(2):

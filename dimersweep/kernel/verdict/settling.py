@@ -22,7 +22,7 @@ geometrically, over SETTLED_PERIODS periods, to below SETTLED_CHANGE.
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.body import centre
-from dimersweep.kernel.model.layout import AT
+from dimersweep.kernel.model.layout import THETA
 from dimersweep.kernel.verdict.past import N_NORMAL, note_strobe, strobe, time_of
 from dimersweep.kernel.verdict.track import Fix, follow_track
 
@@ -49,7 +49,7 @@ def note_period(dm, state, modes, past):
         settled = settled or has_repeated(past, p)
     if settled or past.track.begun != 0.0:
         x, y = centre(dm, state) if dm.sideways != 0.0 else (0.0, 0.0)
-        follow_track(past.track, Fix(time_of(dm, state), x, y, state[AT.theta]), NO_SPEED * dm.g / dm.omega)
+        follow_track(past.track, Fix(time_of(dm, state), x, y, state[THETA]), NO_SPEED * dm.g / dm.omega)
 
 
 @compiled
