@@ -1,7 +1,7 @@
 """The parameters of a dimer, its plate and its start: their rules, and one set of them or whole axes, judged."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import InitVar, dataclass, make_dataclass
+from dataclasses import InitVar, make_dataclass
 from math import inf, nextafter, pi
 from typing import Any, NamedTuple
 
@@ -264,11 +264,11 @@ def _left_out(name: str) -> float | None:
     return _BaseCase(BASE[name]) if name in BASE else None if isinstance(value, str) else value
 
 
-_FIELDS = [(name, "float | None", _left_out(name)) for name in PARAMETERS]
-_Fields: Any = make_dataclass("_Fields", _FIELDS, frozen=True, kw_only=True)
+_FIELDS = [*((name, "float | None", _left_out(name)) for name in PARAMETERS), ("l", InitVar[float | None], None)]
+_JUDGED = {"__post_init__": lambda parameters, length: parameters._judge(length)}
+_Fields: Any = make_dataclass("_Fields", _FIELDS, namespace=_JUDGED, frozen=True, kw_only=True)
 
 
-@dataclass(frozen=True, kw_only=True)
 class Parameters(_Fields):
     """One dimer, its plate and its start, validated; the defaults are the paper's base case (Sect. 3).
 
@@ -322,9 +322,7 @@ class Parameters(_Fields):
     (0.3491, 6.0)
     """
 
-    l: InitVar[float | None] = None  # noqa: E741 - the paper's symbol
-
-    def __post_init__(self, length: float | None) -> None:
+    def _judge(self, length: float | None) -> None:
         values = {name: getattr(self, name) for name in PARAMETERS}
         given = {name for name, value in values.items() if value is not None}
         check_effect(name for name in given if not isinstance(values[name], _BaseCase))
