@@ -21,7 +21,7 @@ from dimersweep.orbits.portraits import (
 )
 from dimersweep.parameters import Parameters
 from dimersweep.studies.attractors import drawn_starts
-from dimersweep.studies.telling_apart import Sort, distance, matched
+from dimersweep.studies.telling_apart import Attractor, distance, matched
 from tests.checks.tables import multipliers
 
 BOTH = Mirrors(plane=True, ends=True)
@@ -34,8 +34,8 @@ def motion(periods=1, seed=0, word="DI", spin=10.0):
     return Portrait(periods, word, spin, gaps, 0.3)
 
 
-def sort(portrait, mode="jump"):
-    return Sort(mode, np.array([0]), 0, portrait)
+def attractor(portrait, mode="jump"):
+    return Attractor(mode, np.array([0]), 0, portrait)
 
 
 @pytest.fixture(scope="module")
@@ -78,8 +78,8 @@ def test_a_branch_that_has_joined_another_has_the_period_of_that():
 
 
 def test_without_orbits_attractors_are_matched_by_period_word_and_mode():
-    known = [sort(motion(seed=1)), sort(motion(seed=2, word="FM")), sort(None, "rest")]
-    new = [sort(None, "rest"), sort(motion(seed=3, word="FM")), sort(motion(periods=2, seed=1))]
+    known = [attractor(motion(seed=1)), attractor(motion(seed=2, word="FM")), attractor(None, "rest")]
+    new = [attractor(None, "rest"), attractor(motion(seed=3, word="FM")), attractor(motion(periods=2, seed=1))]
     costs = [[distance(old, one, "Gamma", 1.0, BOTH) for one in new] for old in known]
     assert matched(np.array(costs)) == {1: 1, 2: 0}
 

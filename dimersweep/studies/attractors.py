@@ -27,7 +27,7 @@ from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.studies.observers import Ends
 from dimersweep.studies.study import Study
-from dimersweep.studies.telling_apart import Judge, Sort, distance, matched
+from dimersweep.studies.telling_apart import Attractor, Classifier, distance, matched
 from dimersweep.symbols import PARAMETERS, START
 from dimersweep.work.computing import settle_way
 from dimersweep.work.options import make_options
@@ -163,8 +163,8 @@ def attractors(
     for k in range(values.size):
         here, _ = drawn.window(k * n, (k + 1) * n)
         first = here.fixed | {key: float(column[0]) for key, column in here.columns.items()}
-        judge = Judge(here, how, results[k * n : (k + 1) * n], mirrors_of(first, mirrored))
-        found.take(judge, longest)
+        classifier = Classifier(here, how, results[k * n : (k + 1) * n], mirrors_of(first, mirrored))
+        found.take(classifier, longest)
     data = found.dataset(drawn.fixed).assign_attrs(cost=int(results["codes"][:, CODE_N_PERIODS].sum()))
     if out is not None:
         asked = {"periods": periods, "max_periods": max_periods, "rtol": rtol, "mirror": mirrored, "level": wanted}
@@ -259,24 +259,26 @@ class Census:
 
     def __init__(self, name: str, values: np.ndarray, columns: dict[str, np.ndarray], level: float) -> None:
         self.name, self.values, self.columns, self.level = name, values, columns, level
-        self.known: list[Sort] = []  # as each was seen last
-        self.rows: list[dict[int, Sort]] = []  # of each value: number from 0, and what it is there
+        self.known: list[Attractor] = []  # as each was seen last
+        self.rows: list[dict[int, Attractor]] = []  # of each value: number from 0, and what it is there
         self.checks: list[dict[int, bool]] = []
 
-    def take(self, judge: Judge, confirm: int) -> None:
+    def take(self, classifier: Classifier, confirm: int) -> None:
         """Add the attractors at the next value; those that are known keep their numbers."""
-        sorts, value = judge.sorts(), float(self.values[len(self.rows)])
-        costs = np.array([[distance(old, new, self.name, value, judge.mirrors) for new in sorts] for old in self.known])
+        found, value = classifier.attractors(), float(self.values[len(self.rows)])
+        costs = np.array(
+            [[distance(old, new, self.name, value, classifier.mirrors) for new in found] for old in self.known]
+        )
         pairs = {new: old for old, new in matched(costs).items()} if self.known else {}
         row = {}
-        for k, sort in enumerate(sorts):
+        for k, attractor in enumerate(found):
             number = pairs.get(k, len(self.known))
             if number == len(self.known):
-                self.known.append(sort)
-            self.known[number] = row[number] = sort
+                self.known.append(attractor)
+            self.known[number] = row[number] = attractor
         self.rows.append(row)
         if confirm:
-            self.checks.append({number: judge.confirmed(sort, confirm) for number, sort in row.items()})
+            self.checks.append({number: classifier.confirmed(attractor, confirm) for number, attractor in row.items()})
 
     def dataset(self, fixed: Mapping[str, float]) -> xr.Dataset:
         """All that was found, labelled; `fixed` are the parameters that do not vary."""
@@ -288,9 +290,7 @@ class Census:
         for name, (meaning, empty, read) in _READ.items():
             data[name] = (over, self._table(empty, read), meaning)
         nothing = padded(np.zeros(0))
-        multipliers = self._table(
-            nothing, lambda sort: nothing if sort.orbit is None else padded(sort.orbit.multipliers)
-        )
+        multipliers = self._table(nothing, lambda one: nothing if one.orbit is None else padded(one.orbit.multipliers))
         data.update(multiplier_columns((*over, "multiplier"), multipliers))
         n = len(next(iter(self.columns.values())))
         data["share"] = data["count"] / n
@@ -313,7 +313,7 @@ class Census:
         scalars = {key: ((), value, PARAMETERS[key].attributes()) for key, value in fixed.items()}
         return data.assign_coords(scalars).assign_attrs(plot="attractors")
 
-    def _table(self, empty: Any, read: Callable[[Sort], Any]) -> np.ndarray:
+    def _table(self, empty: Any, read: Callable[[Attractor], Any]) -> np.ndarray:
         """What is read of each attractor at each value; `empty` where it is not met."""
         numbers = range(len(self.known))
         return np.array([[read(row[k]) if k in row else empty for k in numbers] for row in self.rows])
@@ -322,8 +322,8 @@ class Census:
         n = len(next(iter(self.columns.values())))
         basin = np.zeros((len(self.rows), n), dtype=np.int64)
         for k, row in enumerate(self.rows):
-            for number, sort in row.items():
-                basin[k, sort.members] = number + 1
+            for number, attractor in row.items():
+                basin[k, attractor.members] = number + 1
         data["basin"] = ((axis, "start"), basin, _meaning("number of the attractor that a start leads to"))
         for name, column in self.columns.items():
             data.coords[name] = ("start", column, PARAMETERS[name].attributes())
@@ -334,11 +334,11 @@ class Census:
         for k in range(len(self.rows) - 1):
             for number in sorted(self.rows[k].keys() ^ self.rows[k + 1].keys()):
                 goes = number in self.rows[k]
-                sort = self.rows[k if goes else k + 1][number]
+                attractor = self.rows[k if goes else k + 1][number]
                 beyond = float(self.values[k + 1 if goes else k])
                 border = (float("nan"), "none")
-                if sort.orbit is not None:
-                    border = border_between(sort.orbit, self.name, beyond)
+                if attractor.orbit is not None:
+                    border = border_between(attractor.orbit, self.name, beyond)
                 rows.append((number + 1, "goes" if goes else "appears", *self.values[k : k + 2], *border))
         for k, (name, kind, units, meaning) in enumerate(_CHANGE):
             column: np.ndarray = np.array([row[k] for row in rows], dtype=kind)
@@ -350,32 +350,32 @@ def _meaning(text: str) -> dict[str, Any]:
     return {"units": "1", "long_name": text}
 
 
-def _of_orbit(name: str, sort: Sort) -> float:
-    return nan if sort.orbit is None else float(getattr(sort.orbit, name))
+def _of_orbit(name: str, attractor: Attractor) -> float:
+    return nan if attractor.orbit is None else float(getattr(attractor.orbit, name))
 
 
-def _word(sort: Sort) -> str:
-    if sort.orbit is not None:
-        return sort.orbit.word
-    return "" if sort.portrait is None else sort.portrait.word
+def _word(attractor: Attractor) -> str:
+    if attractor.orbit is not None:
+        return attractor.orbit.word
+    return "" if attractor.portrait is None else attractor.portrait.word
 
 
 # variables of each attractor: attributes, what stands where it is not met, and how it is read
-_READ: dict[str, tuple[dict[str, Any], Any, Callable[[Sort], Any]]] = {
-    "count": (_meaning("number of starts that lead there"), 0, lambda sort: sort.members.size),
-    "mode": (_meaning("mode of the representative"), "", lambda sort: sort.mode),
+_READ: dict[str, tuple[dict[str, Any], Any, Callable[[Attractor], Any]]] = {
+    "count": (_meaning("number of starts that lead there"), 0, lambda one: one.members.size),
+    "mode": (_meaning("mode of the representative"), "", lambda one: one.mode),
     "periods": (
         _meaning("forcing periods after which it repeats; 0 if it does not"),
         0,
-        lambda sort: 0 if sort.portrait is None else sort.portrait.periods,
+        lambda one: 0 if one.portrait is None else one.portrait.periods,
     ),
     "word": (_meaning("sequence of contact states"), "", _word),
-    "representative": (_meaning("number of a start that leads there"), NONE, lambda sort: sort.representative),
-    "orbit": (_meaning("whether its orbit was found"), False, lambda sort: sort.orbit is not None),
+    "representative": (_meaning("number of a start that leads there"), NONE, lambda one: one.representative),
+    "orbit": (_meaning("whether its orbit was found"), False, lambda one: one.orbit is not None),
     "stable": (
         _meaning("whether an orbit was found that is stable"),
         False,
-        lambda sort: sort.orbit is not None and sort.orbit.stable,
+        lambda one: one.orbit is not None and one.orbit.stable,
     ),
 } | {name: (COLUMNS[name].attributes(), nan, partial(_of_orbit, name)) for name in OF_AN_ORBIT}
 # variables of a change: name, type, unit (that of the parameter, if None), meaning

@@ -1,4 +1,4 @@
-"""Who tells motions apart: the attractors of drawn starts at one set of parameters, and which of them are those of another."""
+"""Which motions are one: the attractors of drawn starts at one set of parameters, and which of them are those of another."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.solving import RunSettings, exactly, run_row
 
 
-class Sort(NamedTuple):
+class Attractor(NamedTuple):
     """One attractor at one set of parameters.
 
     Attributes
@@ -46,7 +46,7 @@ class Sort(NamedTuple):
         """The one orbit that was found of it."""
         return None if self.carried is None else self.carried.orbit
 
-    def joined_by(self, other: "Sort") -> "Sort":
+    def joined_by(self, other: "Attractor") -> "Attractor":
         """The attractor with the starts of another one, and the orbit of the first that has one."""
         shown = other if self.carried is None else self
         return shown._replace(members=np.union1d(self.members, other.members))
@@ -58,7 +58,7 @@ class Sort(NamedTuple):
         return [] if self.portrait is None else [self.portrait]
 
 
-def one_family(a: Sort, b: Sort) -> bool:
+def one_family(a: Attractor, b: Attractor) -> bool:
     """Whether the family of one of two attractors leads to the other one."""
     return any(
         one.carried is not None and any(one.carried.apart(view) < ALIKE_WITHIN for view in other.views())
@@ -76,8 +76,8 @@ def matched(costs: np.ndarray) -> dict[int, int]:
     return {int(a): int(b) for a, b in zip(rows, columns, strict=True) if allowed[a, b]}
 
 
-class Judge:
-    """Who tells the motions of drawn starts apart at one set of parameters.
+class Classifier:
+    """Tells the motions of drawn starts apart at one set of parameters.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ class Judge:
         except OrbitLost:
             return None
 
-    def sorts(self) -> list[Sort]:
+    def attractors(self) -> list[Attractor]:
         """The attractors, those that most starts lead to first."""
         portraits: dict[int, Portrait] = {}
         for start in np.flatnonzero(self.periods > 0):
@@ -114,23 +114,23 @@ class Judge:
             if portrait is not None:
                 portraits[int(start)] = portrait
         others = [start for start in range(self.modes.size) if start not in portraits]
-        sorts = []
+        attractors = []
         for mode in sorted({int(self.modes[start]) for start in others}):
             members = np.array([start for start in others if self.modes[start] == mode])
-            sorts.append(Sort(MODES[mode], members, int(members[0])))
+            attractors.append(Attractor(MODES[mode], members, int(members[0])))
         left = dict(portraits)
         while left:
-            sort = self._one(left, [known.portrait for known in sorts if known.portrait is not None])
-            for start in sort.members:
+            attractor = self._one(left, [known.portrait for known in attractors if known.portrait is not None])
+            for start in attractor.members:
                 del left[int(start)]
-            home = next((k for k, known in enumerate(sorts) if one_family(known, sort)), len(sorts))
-            if home < len(sorts):
-                sorts[home] = sorts[home].joined_by(sort)
+            home = next((k for k, known in enumerate(attractors) if one_family(known, attractor)), None)
+            if home is not None:
+                attractors[home] = attractors[home].joined_by(attractor)
             else:
-                sorts.append(sort)
-        return sorted(sorts, key=lambda sort: (-sort.members.size, int(sort.members[0])))
+                attractors.append(attractor)
+        return sorted(attractors, key=lambda one: (-one.members.size, int(one.members[0])))
 
-    def _one(self, left: Mapping[int, Portrait], known: Sequence[Portrait]) -> Sort:
+    def _one(self, left: Mapping[int, Portrait], known: Sequence[Portrait]) -> Attractor:
         """The attractor of one of the portraits that are left, with all of these that show it; `known` are those of others."""
         representative = _typical(left)
         own = left[representative]
@@ -142,7 +142,7 @@ class Judge:
         else:
             members = _linked(representative, near, self.mirrors)
         mode = MODES[self.modes[representative]]
-        return Sort(mode, np.array(sorted(members)), representative, own, carried)
+        return Attractor(mode, np.array(sorted(members)), representative, own, carried)
 
     def _carried(self, start: int, own: Portrait, spins: Sequence[float]) -> Carried | None:
         """The orbit of a start, with its family over the spins of the portraits that may lie on it."""
@@ -153,18 +153,18 @@ class Judge:
             return None
         return carried if carried.apart(own) < ALIKE_WITHIN else None
 
-    def confirmed(self, sort: Sort, periods: int) -> bool:
+    def confirmed(self, attractor: Attractor, periods: int) -> bool:
         """Whether the representative is still at its attractor after so many forcing periods."""
-        row = self.points.rows_at(np.array([sort.representative]))[0]
+        row = self.points.rows_at(np.array([attractor.representative]))[0]
         solved = run_row(row, None, exactly(periods, self.how.rtol), new_workspace())
-        if sort.portrait is None:
-            return MODES[solved.codes[CODE_MODE]] == sort.mode
-        later = self.portrait(sort.representative, solved.end.start[0], sort.portrait.periods)
-        if later is None or solved.codes[CODE_MODE_PERIOD] != sort.portrait.periods:
+        if attractor.portrait is None:
+            return MODES[solved.codes[CODE_MODE]] == attractor.mode
+        later = self.portrait(attractor.representative, solved.end.start[0], attractor.portrait.periods)
+        if later is None or solved.codes[CODE_MODE_PERIOD] != attractor.portrait.periods:
             return False
-        if sort.carried is None:
-            return apart(sort.portrait, later, self.mirrors) < ALIKE_WITHIN
-        return Carried(sort.carried.orbit, [later.spin], self.mirrors).apart(later) < ALIKE_WITHIN
+        if attractor.carried is None:
+            return apart(attractor.portrait, later, self.mirrors) < ALIKE_WITHIN
+        return Carried(attractor.carried.orbit, [later.spin], self.mirrors).apart(later) < ALIKE_WITHIN
 
 
 def _typical(left: Mapping[int, Portrait]) -> int:
@@ -190,7 +190,7 @@ def _linked(first: int, near: Mapping[int, Portrait], mirrors: Mirrors) -> list[
     return chain
 
 
-def distance(former: Sort, later: Sort, name: str, value: float, mirrors: Mirrors) -> float:
+def distance(former: Attractor, later: Attractor, name: str, value: float, mirrors: Mirrors) -> float:
     """How far an attractor is from a former one that is carried to `value` of the parameter `name`; inf if it is another.
 
     The orbit of the former one is followed to the value, and to the spin there. Where that has none, period and word decide.
