@@ -9,14 +9,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from dimersweep import attractors, orbits, plots, simulate, sweep
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.orbits.portraits import (
+from dimersweep.orbits.features import (
     ALIKE_WITHIN,
     Carried,
+    Features,
     Mirrors,
-    Portrait,
     apart,
+    features_of_orbit,
     mirrors_of,
-    portrait_of_orbit,
     shifted,
 )
 from dimersweep.parameters import Parameters
@@ -31,11 +31,11 @@ MANY = {"beta0": ("1 deg", "89 deg"), "xdot0": (0.2, 2.0), "phi0": (0.0, 6.28)}
 
 def motion(periods=1, seed=0, word="DI", spin=10.0):
     gaps = np.random.default_rng(seed).uniform(size=(periods, 8, 2))
-    return Portrait(periods, word, spin, gaps, 0.3)
+    return Features(periods, word, spin, gaps, 0.3)
 
 
-def attractor(portrait, mode="jump"):
-    return Attractor(mode, np.array([0]), 0, portrait)
+def attractor(features, mode="jump"):
+    return Attractor(mode, np.array([0]), 0, features)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def drift():
 @pytest.mark.parametrize("spin", [0.5, 20.0, 64.3, 270.0])
 def test_a_drift_of_another_spin_is_the_same_attractor_and_one_beside_it_is_not(drift, spin):
     family = Carried(drift, [0.5, 275.0], BOTH)
-    there = portrait_of_orbit(orbits.find(spin=spin), BOTH)
+    there = features_of_orbit(orbits.find(spin=spin), BOTH)
     assert family.apart(there) < 0.1 * ALIKE_WITHIN
     assert family.apart(there._replace(turn=there.turn + 2 * ALIKE_WITHIN)) > ALIKE_WITHIN
     assert family.apart(there._replace(spin=400.0)) == np.inf

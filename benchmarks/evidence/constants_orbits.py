@@ -95,12 +95,12 @@ class Finder(importlib.abc.MetaPathFinder):
 def questions() -> dict[str, Callable[[], list[Any]]]:
     """What is asked: names, and functions that answer with numbers and words."""
     from dimersweep import orbits, simulate
-    from dimersweep.orbits import portraits
+    from dimersweep.orbits import features
 
-    both = portraits.Mirrors(True, False)
+    both = features.Mirrors(True, False)
 
     def at(spin: float) -> Any:
-        return portraits.portrait_of_orbit(orbits.find(spin=spin), both)
+        return features.features_of_orbit(orbits.find(spin=spin), both)
 
     def orbit(**given: Any) -> list[Any]:
         one = orbits.find(**given)
@@ -129,7 +129,7 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
         **{kind: border(kind, {"A_r": [5.0, 6.0]}, spin=100.0) for kind in ("fold", "flip")},
         **{f"{kind} {k}": border(kind, **random_dimer(k)) for kind, several in DIMERS.items() for k in several},
         "curve": lambda: table(orbits.border_curve("hop", "Gamma", "e", span=(0.58, 0.62), spin=100.0), "e", "Gamma"),
-        "alike": lambda: [portraits.Carried(begin, [80.0, 120.0], both).apart(at(spin)) for spin in (85.0, 110.0)],
+        "alike": lambda: [features.Carried(begin, [80.0, 120.0], both).apart(at(spin)) for spin in (85.0, 110.0)],
         "family": lambda: table(orbits.family(spin=(60.0, 140.0), points=5), "radius", "spin_drift"),
         "edge": edge,
     }

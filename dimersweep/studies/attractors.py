@@ -16,10 +16,10 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
 from dimersweep.inputs import number as in_si_units
 from dimersweep.kernel.model.layout import CODE_N_PERIODS
+from dimersweep.orbits.features import Mirrors, features_of_orbit, mirrors_of
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.orbit import COLUMNS, PeriodicOrbit, multiplier_columns, padded
-from dimersweep.orbits.portraits import Mirrors, mirrors_of, portrait_of_orbit
 from dimersweep.parameters import check_level, check_name, value_of
 from dimersweep.runs.solving import run_settings
 from dimersweep.storage.cubefiles import write_cube
@@ -48,7 +48,7 @@ def border_between(orbit: PeriodicOrbit, name: str, to: float) -> tuple[float, s
     for entry in trace.entries:
         if entry.kind is not None and not entry.kind.of_word:
             return entry.value, entry.kind.name
-        shorter = portrait_of_orbit(entry.orbit, Mirrors(plane=False, ends=False)).least_period()
+        shorter = features_of_orbit(entry.orbit, Mirrors(plane=False, ends=False)).least_period()
         if shorter < orbit.periods:
             return border_between(find(guess=entry.orbit, periods=shorter), name, value_of(name, orbit.parameters))
     why = trace.end.partition(":")[0]
@@ -357,7 +357,7 @@ def _of_orbit(name: str, attractor: Attractor) -> float:
 def _word(attractor: Attractor) -> str:
     if attractor.orbit is not None:
         return attractor.orbit.word
-    return "" if attractor.portrait is None else attractor.portrait.word
+    return "" if attractor.features is None else attractor.features.word
 
 
 # variables of each attractor: attributes, what stands where it is not met, and how it is read
@@ -367,7 +367,7 @@ _READ: dict[str, tuple[dict[str, Any], Any, Callable[[Attractor], Any]]] = {
     "periods": (
         _meaning("forcing periods after which it repeats; 0 if it does not"),
         0,
-        lambda one: 0 if one.portrait is None else one.portrait.periods,
+        lambda one: 0 if one.features is None else one.features.periods,
     ),
     "word": (_meaning("sequence of contact states"), "", _word),
     "representative": (_meaning("number of a start that leads there"), NONE, lambda one: one.representative),

@@ -10,10 +10,10 @@ from dimersweep.cubes.grid import Grid
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES
+from dimersweep.orbits.features import ALIKE_WITHIN, Carried, Features, Mirrors, apart, features_from
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, Tape
-from dimersweep.orbits.portraits import ALIKE_WITHIN, Carried, Mirrors, Portrait, apart, portrait_from
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.solving import RunSettings, exactly, run_row
 
@@ -29,7 +29,7 @@ class Attractor(NamedTuple):
         The starts that lead there.
     representative : int
         One of them, in the middle of their spins.
-    portrait : Portrait or None
+    features : Features or None
         What it looks like; none for rest and for motions that do not repeat.
     carried : Carried or None
         Its orbit, with the family; none where no orbit was found.
@@ -38,7 +38,7 @@ class Attractor(NamedTuple):
     mode: str
     members: np.ndarray
     representative: int
-    portrait: Portrait | None = None
+    features: Features | None = None
     carried: Carried | None = None
 
     @property
@@ -51,11 +51,11 @@ class Attractor(NamedTuple):
         shown = other if self.carried is None else self
         return shown._replace(members=np.union1d(self.members, other.members))
 
-    def views(self) -> list[Portrait]:
+    def views(self) -> list[Features]:
         """What it looks like, at all spins at which that is known."""
         if self.carried is not None:
             return list(self.carried.views)
-        return [] if self.portrait is None else [self.portrait]
+        return [] if self.features is None else [self.features]
 
 
 def one_family(a: Attractor, b: Attractor) -> bool:
@@ -99,39 +99,38 @@ class Classifier:
         """Of the run from a start."""
         return self.points.fixed | {name: float(value) for name, value in self.points.values(start).items()}
 
-    def portrait(self, start: int, end: np.ndarray, periods: int) -> Portrait | None:
-        """The portrait of the motion that a start has come to; none where it does not repeat."""
+    def features(self, start: int, end: np.ndarray, periods: int) -> Features | None:
+        """The features of the motion that a start has come to; none where it does not repeat."""
         try:
-            return portrait_from(self.parameters(start), end, periods, self.how.rtol, self.tape, self.mirrors)
+            return features_from(self.parameters(start), end, periods, self.how.rtol, self.tape, self.mirrors)
         except OrbitLost:
             return None
 
     def attractors(self) -> list[Attractor]:
         """The attractors, those that most starts lead to first."""
-        portraits: dict[int, Portrait] = {}
+        left: dict[int, Features] = {}
         for start in np.flatnonzero(self.periods > 0):
-            portrait = self.portrait(int(start), self.results["end"][start], int(self.periods[start]))
-            if portrait is not None:
-                portraits[int(start)] = portrait
-        others = [start for start in range(self.modes.size) if start not in portraits]
+            features = self.features(int(start), self.results["end"][start], int(self.periods[start]))
+            if features is not None:
+                left[int(start)] = features
+        others = [start for start in range(self.modes.size) if start not in left]
         attractors = []
         for mode in sorted({int(self.modes[start]) for start in others}):
             members = np.array([start for start in others if self.modes[start] == mode])
             attractors.append(Attractor(MODES[mode], members, int(members[0])))
-        left = dict(portraits)
         while left:
-            attractor = self._one(left, [known.portrait for known in attractors if known.portrait is not None])
+            attractor = self._one(left, [one.features for one in attractors if one.features is not None])
             for start in attractor.members:
                 del left[int(start)]
-            home = next((k for k, known in enumerate(attractors) if one_family(known, attractor)), None)
+            home = next((k for k, one in enumerate(attractors) if one_family(one, attractor)), None)
             if home is not None:
                 attractors[home] = attractors[home].joined_by(attractor)
             else:
                 attractors.append(attractor)
         return sorted(attractors, key=lambda one: (-one.members.size, int(one.members[0])))
 
-    def _one(self, left: Mapping[int, Portrait], known: Sequence[Portrait]) -> Attractor:
-        """The attractor of one of the portraits that are left, with all of these that show it; `known` are those of others."""
+    def _one(self, left: Mapping[int, Features], known: Sequence[Features]) -> Attractor:
+        """The attractor of one of the motions that are left, with all of these that show it; `known` are those of others."""
         representative = _typical(left)
         own = left[representative]
         near = {start: other for start, other in left.items() if other.periods == own.periods}
@@ -144,8 +143,8 @@ class Classifier:
         mode = MODES[self.modes[representative]]
         return Attractor(mode, np.array(sorted(members)), representative, own, carried)
 
-    def _carried(self, start: int, own: Portrait, spins: Sequence[float]) -> Carried | None:
-        """The orbit of a start, with its family over the spins of the portraits that may lie on it."""
+    def _carried(self, start: int, own: Features, spins: Sequence[float]) -> Carried | None:
+        """The orbit of a start, with its family over the spins of the motions that may lie on it."""
         try:
             orbit = find(guess=run_in_line(self.parameters(start), self.how), periods=own.periods)
             carried = Carried(orbit, spins, self.mirrors)
@@ -157,29 +156,29 @@ class Classifier:
         """Whether the representative is still at its attractor after so many forcing periods."""
         row = self.points.rows_at(np.array([attractor.representative]))[0]
         solved = run_row(row, None, exactly(periods, self.how.rtol), new_workspace())
-        if attractor.portrait is None:
+        if attractor.features is None:
             return MODES[solved.codes[CODE_MODE]] == attractor.mode
-        later = self.portrait(attractor.representative, solved.end.start[0], attractor.portrait.periods)
-        if later is None or solved.codes[CODE_MODE_PERIOD] != attractor.portrait.periods:
+        later = self.features(attractor.representative, solved.end.start[0], attractor.features.periods)
+        if later is None or solved.codes[CODE_MODE_PERIOD] != attractor.features.periods:
             return False
         if attractor.carried is None:
-            return apart(attractor.portrait, later, self.mirrors) < ALIKE_WITHIN
+            return apart(attractor.features, later, self.mirrors) < ALIKE_WITHIN
         return Carried(attractor.carried.orbit, [later.spin], self.mirrors).apart(later) < ALIKE_WITHIN
 
 
-def _typical(left: Mapping[int, Portrait]) -> int:
+def _typical(left: Mapping[int, Features]) -> int:
     """The start in the middle of the spins of those with the period and word that occur most often."""
     kinds: dict[tuple[int, str], list[int]] = {}
-    for start, portrait in left.items():
-        kinds.setdefault((portrait.periods, portrait.word), []).append(start)
+    for start, features in left.items():
+        kinds.setdefault((features.periods, features.word), []).append(start)
     most = max(kinds.values(), key=len)
     return sorted(most, key=lambda start: left[start].spin)[len(most) // 2]
 
 
-def _linked(first: int, near: Mapping[int, Portrait], mirrors: Mirrors) -> list[int]:
-    """The starts that a chain of like portraits of one word joins to the first; without an orbit the spin cannot be carried."""
+def _linked(first: int, near: Mapping[int, Features], mirrors: Mirrors) -> list[int]:
+    """The starts that a chain of like motions of one word joins to the first; without an orbit the spin cannot be carried."""
     word = near[first].word
-    left = {start for start, portrait in near.items() if portrait.word == word} - {first}
+    left = {start for start, features in near.items() if features.word == word} - {first}
     chain, joined = [first], [first]
     while joined:
         here = near[joined.pop()]
@@ -195,17 +194,17 @@ def distance(former: Attractor, later: Attractor, name: str, value: float, mirro
 
     The orbit of the former one is followed to the value, and to the spin there. Where that has none, period and word decide.
     """
-    if former.portrait is None or later.portrait is None:
-        return 0.0 if former.portrait is later.portrait and former.mode == later.mode else float("inf")
-    if former.portrait.periods != later.portrait.periods:
+    if former.features is None or later.features is None:
+        return 0.0 if former.features is later.features and former.mode == later.mode else float("inf")
+    if former.features.periods != later.features.periods:
         return float("inf")
     if former.carried is not None:
         try:
             orbit = former.carried.orbit
             there = find(guess=orbit, periods=orbit.periods, **{name: value})
-            far = Carried(there, [later.portrait.spin], mirrors).apart(later.portrait)
+            far = Carried(there, [later.features.spin], mirrors).apart(later.features)
             return far if far < ALIKE_WITHIN else float("inf")
         except (OrbitError, OrbitLost):
             pass
-    same = former.portrait.word == later.portrait.word
-    return 1.0 + apart(former.portrait, later.portrait, mirrors) if same else float("inf")
+    same = former.features.word == later.features.word
+    return 1.0 + apart(former.features, later.features, mirrors) if same else float("inf")

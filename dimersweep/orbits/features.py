@@ -4,7 +4,7 @@ The place is taken where no event can make it jump: the gaps of both ends at eig
 periods, and the turn of the heading in one of them. Where these agree at the same axial spin, so do all other coordinates.
 
 On a level plate the mirror image of a motion is a motion: in the vertical plane of its axis the heading's turn and the spin
-change their signs. If the ends are alike, the two may also change places. In a portrait with mirrors the spin is not
+change their signs. If the ends are alike, the two may also change places. With mirrors the spin of a motion is not
 negative; what is left is the image with both.
 """
 
@@ -38,8 +38,8 @@ class Mirrors(NamedTuple):
     ends: bool  # that with both ends in each other's place
 
 
-class Portrait(NamedTuple):
-    """A periodic motion."""
+class Features(NamedTuple):
+    """What a periodic motion looks like."""
 
     periods: int  # forcing periods after which it repeats
     word: str  # see `passage`; with mirrors of the ends the one of both words that sorts first
@@ -61,8 +61,8 @@ def mirrors_of(parameters: Mapping[str, float], wanted: bool) -> Mirrors:
     return Mirrors(wanted, bool(wanted and alike and value_of("k_ratio", parameters) == 1))
 
 
-def portrait_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Portrait:
-    """The portrait of a motion from its record over one of its periods, which begins at the section of `m`."""
+def features_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Features:
+    """The features of a motion from its record over one of its periods, which begins at the section of `m`."""
     whole = TURN * m.periods
     times = np.mod(VIEWS - m.phase + TURN * np.arange(m.periods)[:, None], whole)
     states, _ = m.states(passage, times.ravel())
@@ -75,7 +75,7 @@ def portrait_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Portrait:
         word = min(word, _ends_changed(passage).word)
     back = -1.0 if mirrors.plane and spin < 0 else 1.0
     unit = m.section.units[0]
-    return Portrait(m.periods, word, back * spin, gaps / unit, float(back * turn / unit))
+    return Features(m.periods, word, back * spin, gaps / unit, float(back * turn / unit))
 
 
 def _ends_changed(passage: Passage) -> Passage:
@@ -87,10 +87,10 @@ def _ends_changed(passage: Passage) -> Passage:
     return Passage(events, passage.segments)
 
 
-def portrait_from(
+def features_from(
     parameters: Mapping[str, float], start: np.ndarray, periods: int, rtol: float, tape: Tape, mirrors: Mirrors
-) -> Portrait:
-    """The portrait of the motion that a run of `parameters` has come to, and that repeats after so many forcing periods.
+) -> Features:
+    """The features of the motion that a run of `parameters` has come to, and that repeats after so many forcing periods.
 
     `start` is where the run has ended, at the start of a forcing period: state and friction modes, shape (N_START,).
     """
@@ -98,15 +98,15 @@ def portrait_from(
     state = start[:N_STATE].copy()
     state[PHASE] = 0.0
     _, _, passage = tape.run(m.row, state, periods, rtol)
-    return portrait_of(m, passage, mirrors)
+    return features_of(m, passage, mirrors)
 
 
-def portrait_of_orbit(orbit: PeriodicOrbit, mirrors: Mirrors) -> Portrait:
-    """The portrait of an orbit, at its spin."""
-    return portrait_of(orbit.fixed.map, orbit.creep.image.passage, mirrors)
+def features_of_orbit(orbit: PeriodicOrbit, mirrors: Mirrors) -> Features:
+    """The features of an orbit, at its spin."""
+    return features_of(orbit.fixed.map, orbit.creep.image.passage, mirrors)
 
 
-def apart(a: Portrait, b: Portrait, mirrors: Mirrors) -> float:
+def apart(a: Features, b: Features, mirrors: Mirrors) -> float:
     """How far two places are apart, in units of g/omega^2, whatever the spin; inf for other periods.
 
     Which of its periods a motion of period n begins with does not count.
@@ -114,7 +114,7 @@ def apart(a: Portrait, b: Portrait, mirrors: Mirrors) -> float:
     return shifted(a, b, mirrors)[0]
 
 
-def shifted(a: Portrait, b: Portrait, mirrors: Mirrors) -> tuple[float, Portrait]:
+def shifted(a: Features, b: Features, mirrors: Mirrors) -> tuple[float, Features]:
     """How far two places are apart, see `apart`, and the image of `b` that lies nearest."""
     if a.periods != b.periods:
         return float("inf"), b
@@ -129,12 +129,12 @@ class Carried:
     """The place of an orbit along its slow family, so that motions are compared with it at their own spin.
 
     The family is entered at the orbit, and followed as far as it goes between the least and the greatest of `spins`, as
-    portraits have them.
+    features have them.
     """
 
     def __init__(self, orbit: PeriodicOrbit, spins: Sequence[float], mirrors: Mirrors) -> None:
         self.orbit, self.mirrors = orbit, mirrors
-        here = portrait_of_orbit(orbit, mirrors)
+        here = features_of_orbit(orbit, mirrors)
         known = [(on_family(orbit.fixed.map, orbit.creep), here)]
         least, greatest = min(here.spin, *spins), max(here.spin, *spins)
         grid = np.linspace(least - MISSING_OVER * abs(least), greatest + MISSING_OVER * abs(greatest), CARRIED_TO)
@@ -144,17 +144,17 @@ class Carried:
         self.orbits, self.views = (list(column) for column in zip(*known, strict=True))
 
     def _followed(
-        self, begin: PeriodicOrbit, view: Portrait, spins: np.ndarray
-    ) -> list[tuple[PeriodicOrbit, Portrait]]:
+        self, begin: PeriodicOrbit, view: Features, spins: np.ndarray
+    ) -> list[tuple[PeriodicOrbit, Features]]:
         """The family at `spins`, as far as it goes from one that is known, and what it looks like there."""
         after = begin.spin / view.spin if view.spin else 1.0  # spin after the impact over the mean
         found = []
         for one in walk(begin, after * spins, runs=True)[0].values():
-            view = shifted(view, portrait_of_orbit(one, self.mirrors), self.mirrors)[1]
+            view = shifted(view, features_of_orbit(one, self.mirrors), self.mirrors)[1]
             found.append((one, view))
         return found
 
-    def at(self, spin: float) -> Portrait | None:
+    def at(self, spin: float) -> Features | None:
         """The family at a spin, or None where it was not found."""
         one, slack = self.views[0], SPIN_SLACK * max(1.0, abs(spin))
         spins = [view.spin for view in self.views]
@@ -164,7 +164,7 @@ class Carried:
         *gaps, turn = (float(np.interp(spin, spins, column)) for column in places.T)
         return one._replace(spin=spin, gaps=np.reshape(gaps, one.gaps.shape), turn=turn)
 
-    def apart(self, motion: Portrait) -> float:
+    def apart(self, motion: Features) -> float:
         """How far a motion is from the family at its own spin, see `apart`; inf where the family was not found.
 
         Where the family bends or leaps it may be far from its interpolation: there it is followed to that spin.
