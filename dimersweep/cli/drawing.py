@@ -96,21 +96,21 @@ def draw_if_it_can(cube: "xr.Dataset", picture: Path, *, force: bool) -> None:
         warnings.warn(f"{picture}: was not drawn ({error})", RuntimeWarning, stacklevel=2)
 
 
-def judge_picture(declared: "Declaration", study: "Study") -> None:
+def check_kind(declared: "Declaration", study: "Study") -> None:
     """Refuse a declared kind of picture that the cube of `study` will not fit.
 
     Raises
     ------
     ParameterError
     """
-    from dimersweep.plots.judging import judge
+    from dimersweep.plots.checking import check
 
     if "plot" not in declared.model_fields_set:
         return
     asked = {"search": declared.search, "paths": declared.paths, "strobes": declared.sweep.strobes}
     sizes = {name: values.size for name, values in study.grid.axes.items()}
     try:
-        judge(declared.plot.kind, sizes, {feature for feature, given in asked.items() if given})
+        check(declared.plot.kind, sizes, {feature for feature, given in asked.items() if given})
     except ParameterError as error:
         raise ParameterError(f"plot.kind = {declared.plot.kind!r}: {error}; another kind, or --no-plot") from None
 

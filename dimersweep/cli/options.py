@@ -1,4 +1,4 @@
-"""Options that several commands take, and the judging of what is typed for them."""
+"""Options that several commands take, and the checking of what is typed for them."""
 
 import inspect
 import sys
@@ -60,7 +60,7 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
     signature = inspect.signature(command)
     options = [parameter for parameter in signature.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
     taken = PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}
-    for name, quantity in taken.items():  # their texts are judged with all else, where units are known
+    for name, quantity in taken.items():  # their texts are checked with all else, where units are known
         either = quantity.units + (", or 16deg" if quantity.units == "rad" else "")
         units = "" if quantity.units == "1" else f" ({either})"
         meaning = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")

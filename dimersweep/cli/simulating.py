@@ -50,7 +50,7 @@ def simulate(
     from dimersweep.parameters import Parameters
     from dimersweep.work.progress import report_compiling
 
-    # judged here as well, so that a typing error is reported before seconds of imports and compiling
+    # checked here as well, so that a typing error is reported before seconds of imports and compiling
     Parameters(**parameters)
     check_count("periods", periods)
     check_rtol(rtol)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dimersweep.cli.drawing import check_picture_of, draw_if_it_can, judge_picture, print_cube
+from dimersweep.cli.drawing import check_kind, check_picture_of, draw_if_it_can, print_cube
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import Force, Periods, Rtol, Workers, argument, option
 
@@ -50,7 +50,7 @@ def run(
     from dimersweep.storage.tilestore import tiles_of
 
     cube_file = out or Path(declared.sweep.output)
-    check_output(cube_file, force=True)  # a cube that is there already is judged where it can be read
+    check_output(cube_file, force=True)  # a cube that is there already is checked where it can be read
     picture, forced = cube_file.with_suffix(".png"), force or retry
     with interruptible(
         cube_file, picture if plot else None, parts=tiles_of(cube_file), again="run the same again for the rest"
@@ -60,7 +60,7 @@ def run(
 
         study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry)
         if plot and not cube_file.exists():
-            judge_picture(declared, study)
+            check_kind(declared, study)
             check_picture_of(digest(as_text(study.configuration())), picture, force=forced)
         cube = make_cube(
             study,

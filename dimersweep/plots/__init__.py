@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from dimersweep.cubes.findings import drift_intervals, drift_lengths
 from dimersweep.errors import ParameterError
 from dimersweep.plots.attractors import attractors
-from dimersweep.plots.judging import judge_cube
+from dimersweep.plots.checking import check_cube
 from dimersweep.plots.maps import mode_map, quantity_map
 from dimersweep.plots.modes import bifurcation, regions, segments
 from dimersweep.plots.orbits import impact_ends, least_period, paths, planar, shares, trends, walks
@@ -88,5 +88,5 @@ def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = No
             raise ParameterError(f"quantity = {quantity!r}: goes with a map, not with kind = {kind!r}")
         return quantity_map(cube, quantity)
     kind = kind or cube.attrs.get("plot", "mode_map")
-    judge_cube(kind, cube)
+    check_cube(kind, cube)
     return FIGURES[kind](cube)

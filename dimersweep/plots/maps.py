@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from dimersweep.cubes.findings import edges_of, is_geometric, over_axes
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
-from dimersweep.plots.judging import judge_cube
+from dimersweep.plots.checking import check_cube
 from dimersweep.plots.style import (
     MODE_COLORS,
     MODE_LABELS,
@@ -53,7 +53,7 @@ def mode_map(cube: xr.Dataset) -> Figure:
     >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
     >>> plots.mode_map(cube).savefig("modes.png")
     """
-    judge_cube("mode_map", cube)
+    check_cube("mode_map", cube)
     return _map(cube, "mode")
 
 
@@ -92,7 +92,7 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
     >>> plots.quantity_map(cube, "zeta").savefig("zeta.png")
     """
     over_axes(cube, quantity)
-    judge_cube("mode_map", cube)
+    check_cube("mode_map", cube)
     return _map(cube, quantity)
 
 

@@ -14,7 +14,7 @@ from dimersweep.cubes.cube import names
 from dimersweep.cubes.findings import dip_range, drift_intervals, drift_lengths, edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
-from dimersweep.plots.judging import judge_cube
+from dimersweep.plots.checking import check_cube
 from dimersweep.plots.maps import COLORS
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, ROW_COLORS, face, framed, given, mark
 from dimersweep.symbols import symbol
@@ -45,7 +45,7 @@ def segments(cube: xr.Dataset) -> Figure:
     >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
     >>> plots.segments(cube).savefig("intervals.png")
     """
-    judge_cube("segments", cube)
+    check_cube("segments", cube)
     lengths = drift_lengths(cube)
     (name,) = lengths.dims
     figure, axes = framed(cube, (8, 1.4 + 0.55 * lengths.size), "Initial dip angles that lead to drift\n")
@@ -93,7 +93,7 @@ def regions(cube: xr.Dataset) -> Figure:
     >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
     >>> plots.regions(cube).savefig("regions.png")
     """
-    judge_cube("regions", cube)
+    check_cube("regions", cube)
     mode = cube["mode"].squeeze()
     x_name, y_name = map(str, mode.dims)
     x, y = mode[x_name].values, mode[y_name].values
@@ -144,7 +144,7 @@ def bifurcation(cube: xr.Dataset) -> Figure:
     >>> cube = bifurcation({"Gamma": [0.9, 1.2, 1.5]}, periods=60, strobes=8, progress=False)
     >>> plots.bifurcation(cube).savefig("diagram.png")
     """
-    judge_cube("bifurcation", cube)
+    check_cube("bifurcation", cube)
     mode = cube["mode"].squeeze()
     axes = [str(dim) for dim in mode.dims if dim != "direction"]
     if len(axes) != 1:

@@ -11,7 +11,7 @@ from dimersweep.cubes.cube import names
 from dimersweep.cubes.findings import circle_through, edges_of, exponents, minimum, runs_of, stick_ratio
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
-from dimersweep.plots.judging import judge_cube
+from dimersweep.plots.checking import check_cube
 from dimersweep.plots.style import face, framed, given, label, log_scale, mark, row_colors, spread
 
 END_COLORS = {  # of a double impact
@@ -51,7 +51,7 @@ def paths(cube: xr.Dataset) -> Figure:
     ...               orbit_periods=60, paths={"periods": 60, "per_period": 4})
     >>> plots.paths(cube).savefig("paths.png")
     """
-    judge_cube("paths", cube)
+    check_cube("paths", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
     per_period = round(1 / float(cube["cycle"][1] - cube["cycle"][0]))
     figure, (whole, teeth) = framed(cube, (10, 5.2), "Paths of the centre of mass\n", ncols=2)
@@ -94,7 +94,7 @@ def trends(cube: xr.Dataset) -> Figure:
     >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
     >>> plots.trends(cube).savefig("trends.png")
     """
-    judge_cube("trends", cube)
+    check_cube("trends", cube)
     figure, panels = framed(cube, (9, 10), nrows=3, ncols=2, sharex="col", sharey="row")
     for row, quantity in zip(panels, TRENDS, strict=True):
         for axes, (name, other) in zip(row, (("A_r", "f"), ("f", "A_r")), strict=True):
@@ -155,7 +155,7 @@ def least_period(cube: xr.Dataset) -> Figure:
     >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
     >>> plots.least_period(cube).savefig("period.png")
     """
-    judge_cube("minimum", cube)
+    check_cube("minimum", cube)
     figure, (left, right) = framed(cube, (10, 4.4), ncols=2)
     speeds = cube["xdot0"].values
     for color, A_r in zip(row_colors(cube.sizes["A_r"]), cube["A_r"].values, strict=True):
@@ -196,7 +196,7 @@ def impact_ends(cube: xr.Dataset) -> Figure:
     >>> cube = search(grid, over="beta0", ask="first", periods=60, progress=False)
     >>> plots.impact_ends(cube).savefig("ends.png")
     """
-    judge_cube("impact_ends", cube)
+    check_cube("impact_ends", cube)
     body = {name: cube[name].item() for name in ("r", "rho_b", "rho_r", "D_r")}
     colors = ListedColormap([*END_COLORS.values(), LEFT_OUT_COLOR])
     x, y = edges_of(cube["mu"].values), edges_of(cube["mu_s"].values)
@@ -238,7 +238,7 @@ def shares(cube: xr.Dataset) -> Figure:
     >>> cube = search(grid, over="beta0", ask="fraction", periods=60, progress=False)
     >>> plots.shares(cube).savefig("shares.png")
     """
-    judge_cube("shares", cube)
+    check_cube("shares", cube)
     other, name = (str(dim) for dim in cube["mode"].dims)
     figure, axes = framed(cube, (7.5, 4.4))
     share = runs_of(cube, "drift") / cube["n_runs"]
@@ -272,7 +272,7 @@ def planar(cube: xr.Dataset) -> Figure:
     ...               orbit_periods=60, paths={"periods": 60, "per_period": 1})
     >>> plots.planar(cube).savefig("planar.png")
     """
-    judge_cube("planar", cube)
+    check_cube("planar", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
     figure, axes = framed(cube, (7.5, 4.4))
     ends, velocity = names(cube["di_end"]).values, 1e3 * cube["axial_velocity"].values
@@ -310,7 +310,7 @@ def walks(cube: xr.Dataset) -> Figure:
     ...               orbit_periods=700, paths={"periods": 700, "per_period": 1})
     >>> plots.walks(cube).savefig("walks.png")
     """
-    judge_cube("walks", cube)
+    check_cube("walks", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
     figure, (left, right) = framed(cube, (11, 4.6), "Tracks of the centre of mass\n", ncols=2)
     words, colors = names(cube["track"]).values, row_colors(cube.sizes[name])

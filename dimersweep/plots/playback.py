@@ -73,7 +73,7 @@ class Playback:
 def playback_of(
     run: SeenRun, periods: int, speed: float = 0.1, fps: int = 25, *, last: bool = True, slow_impacts: bool = False
 ) -> Playback:
-    """The stretch of the run that is shown, judged.
+    """The stretch of the run that is shown, checked.
 
     Raises
     ------

@@ -34,7 +34,7 @@ def features(cube: xr.Dataset) -> set[str]:
     return {name for name, variable in marks.items() if variable in cube.variables or variable in cube.dims}
 
 
-def judge(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> None:
+def check(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> None:
     """Refuse a kind of picture for a cube that it could not draw.
 
     Parameters
@@ -80,13 +80,13 @@ def _lack(kind: str, sizes: Mapping[str, int], has: Collection[str]) -> str:
     return need and f"has axes {', '.join(axes) or 'none'}; {need}"
 
 
-def judge_cube(kind: str, cube: xr.Dataset) -> None:
+def check_cube(kind: str, cube: xr.Dataset) -> None:
     """Refuse a kind of picture that `cube` cannot fill."""
     if not isinstance(cube, xr.Dataset):
         raise ParameterError(f"cube: is a {type(cube).__name__}; give a cube")
     check_codes(cube["mode"])
     check_axes(cube)
-    judge(kind, {str(name): n for name, n in cube["mode"].sizes.items()}, features(cube))
+    check(kind, {str(name): n for name, n in cube["mode"].sizes.items()}, features(cube))
 
 
 def check_axes(cube: xr.Dataset) -> None:
