@@ -1,4 +1,4 @@
-"""Numbers, counts and switches that a user gives, judged one at a time."""
+"""Numbers, counts and switches that a user gives, checked one at a time."""
 
 import re
 import reprlib
@@ -138,7 +138,7 @@ def as_numbers(name: str, values: Any, read: Callable[[str, Any], float], units:
     name : str
     values : array_like
     read : callable
-        Judge of each value that is not in an array of numbers: `as_number` or `number`.
+        Reads each value that is not in an array of numbers: `as_number` or `number`.
     units : str, optional
         See `as_number`.
 

@@ -1,4 +1,4 @@
-"""The parameters of a dimer, its plate and its start: their rules, and one set of them or whole axes, judged."""
+"""The parameters of a dimer, its plate and its start: their rules, and one set of them or whole axes, checked."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import InitVar, make_dataclass
@@ -61,7 +61,7 @@ RULES = (
 
 
 def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
-    """Judge every combination of the values in `columns`.
+    """Check every combination of the values in `columns`.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
 
 
 def _rules_for(columns: Collection[str]) -> Iterator[tuple[Rule, str, str]]:
-    """Each rule that judges some of the parameters in `columns`, with the names there of its two parameters at each end."""
+    """Each rule that checks some of the parameters in `columns`, with the names there of its two parameters at each end."""
     for rule in RULES:
         both = [tuple(_at_end(k, name, columns) for name in (rule.name, rule.other)) for k in (0, 1)]
         for name, other in dict.fromkeys(both):
@@ -265,8 +265,8 @@ def _left_out(name: str) -> float | None:
 
 
 _FIELDS = [*((name, "float | None", _left_out(name)) for name in PARAMETERS), ("l", InitVar[float | None], None)]
-_JUDGED = {"__post_init__": lambda parameters, length: parameters._judge(length)}
-_Fields: Any = make_dataclass("_Fields", _FIELDS, namespace=_JUDGED, frozen=True, kw_only=True)
+_CHECKED = {"__post_init__": lambda parameters, length: parameters._check(length)}
+_Fields: Any = make_dataclass("_Fields", _FIELDS, namespace=_CHECKED, frozen=True, kw_only=True)
 
 
 class Parameters(_Fields):
@@ -322,7 +322,7 @@ class Parameters(_Fields):
     (0.3491, 6.0)
     """
 
-    def _judge(self, length: float | None) -> None:
+    def _check(self, length: float | None) -> None:
         values = {name: getattr(self, name) for name in PARAMETERS}
         given = {name for name, value in values.items() if value is not None}
         check_effect(name for name in given if not isinstance(values[name], _BaseCase))

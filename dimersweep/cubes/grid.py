@@ -292,7 +292,7 @@ def legal_points(grid: Grid) -> np.ndarray:
 def laid_out(
     varied: Mapping[str, Any], fixed: Any, read: Callable[[str, Any], np.ndarray], gaps: Collection[str]
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """Values of what varies, as `read` of each name and what is given for it, and of all other parameters, judged together.
+    """Values of what varies, as `read` of each name and what is given for it, and of all other parameters, checked together.
 
     Raises
     ------
@@ -329,7 +329,7 @@ def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> 
 def make_grid(
     axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *, gaps: Collection[str] = (), carry: Any = None
 ) -> Grid:
-    """Build a grid and judge every point of it, axis by axis.
+    """Build a grid and check every point of it, axis by axis.
 
     Parameters
     ----------
@@ -360,7 +360,7 @@ def make_grid(
 
 
 def make_points(table: Any, fixed: Mapping[str, Any] | None = None) -> Grid:
-    """Judge a table of points.
+    """Check a table of points.
 
     Parameters
     ----------

@@ -135,7 +135,7 @@ class Likelihood:
 
 
 def _ranges(free: Mapping[str, tuple[float, float]]) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Names, least and greatest values of the free parameters, judged."""
+    """Names, least and greatest values of the free parameters, checked."""
     if not isinstance(free, Mapping) or not free:
         raise ParameterError(f"free = {free!r}: must be ranges such as {{'e': (0.5, 0.7)}}")
     rows = []

@@ -172,7 +172,7 @@ def cycloid(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
 
 
 def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
-    times, place, sigma = _judged(t, x, y, sigma, moving)
+    times, place, sigma = _checked(t, x, y, sigma, moving)
     span = float(np.ptp(times))
     s = (times - _middle(times)) / span  # in [-1/2, 1/2]
     rate, coefficients = _refined(s, place, _best_rate(s, place, moving), moving)
@@ -203,7 +203,7 @@ def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
     )
 
 
-def _judged(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[np.ndarray, np.ndarray, float | None]:
+def _checked(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[np.ndarray, np.ndarray, float | None]:
     """Times and places x + iy of a track, and the error of a coordinate where it is given."""
     given = (("t", t, "s"), ("x", x, "m"), ("y", y, "m"))
     times, *places = (as_numbers(name, values, partial(as_number, units=units), units) for name, values, units in given)

@@ -223,7 +223,7 @@ def spectrum(run: Run, periods: int = 200) -> Spectrum:
     """All Lyapunov exponents of the motion that a run has come to.
 
     The run goes on (`Run.go_on`). In each forcing period the derivative of its return map is taken in directions that contact
-    leaves free, by central differences whose step is judged, and what they become is made orthogonal again
+    leaves free, by central differences whose step is checked, and what they become is made orthogonal again
     (doi 10.1007/BF02128237). Volumes are those of phase space (`tangent`): without friction each impact of an end of
     restitution e contracts them by e^2, and nothing else does.
 

@@ -533,7 +533,7 @@ class Run(RunNumbers):
         how = exactly(self.n_periods, rtol)
 
         def call(space: Workspace) -> list[Run]:
-            return [simulate_judged(Parameters(**given), how, space, begun=begun) for given, begun in starts]
+            return [simulate_checked(Parameters(**given), how, space, begun=begun) for given, begun in starts]
 
         return bounds(self, stoppable(call), times, 1 / self.parameters["f"])
 
@@ -559,7 +559,7 @@ def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dic
     )
 
 
-def simulate_judged(
+def simulate_checked(
     parameters: Parameters,
     how: RunSettings,
     space: Workspace,
@@ -568,7 +568,7 @@ def simulate_judged(
     begun: dict[str, float] | None = None,
     before: Parameters | None = None,
 ) -> Run:
-    """The run that `simulate` gives for what it has judged, on scratch arrays that may be stopped.
+    """The run that `simulate` gives for what it has checked, on scratch arrays that may be stopped.
 
     The state `begun` is that of a dimer of the parameters `before`, if there are any, as these have it.
     """

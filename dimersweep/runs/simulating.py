@@ -11,7 +11,7 @@ from dimersweep.inputs import check_seconds, check_switch
 from dimersweep.parameters import Parameters, check_name, moved_on, updated
 from dimersweep.runs.behind import parameters_of, was_carried
 from dimersweep.runs.recorded import parameters_told
-from dimersweep.runs.run import Run, proven_run, simulate_judged
+from dimersweep.runs.run import Run, proven_run, simulate_checked
 from dimersweep.runs.solving import check_recorded, run_settings
 from dimersweep.runs.starting import is_point, named, start_of
 from dimersweep.symbols import INSTEAD, START
@@ -91,7 +91,7 @@ def simulate(
     if check_switch("record", record):
         check_recorded(how.periods)
     return proven_run(
-        lambda space: simulate_judged(given, how, space, record=record, begun=begun, before=before), seconds
+        lambda space: simulate_checked(given, how, space, record=record, begun=begun, before=before), seconds
     )
 
 

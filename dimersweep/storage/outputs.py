@@ -1,4 +1,4 @@
-"""Outputs, judged before any work is done: names, endings, and what is there already."""
+"""Outputs, checked before any work is done: names, endings, and what is there already."""
 
 import os
 import stat
@@ -31,7 +31,7 @@ def check_output(
         What the message calls it.
     endings : tuple of str, optional
         Each kind of output has endings of its own (`CUBES`, `TABLES`, and those of pictures, movies and pages), so that two
-        outputs of different kinds never have one name. None: its ending was judged before.
+        outputs of different kinds never have one name. None: its ending was checked before.
 
     Raises
     ------

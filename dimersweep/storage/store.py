@@ -71,7 +71,7 @@ class StoredTile(NamedTuple):
     results: bytes = b""
 
 
-Judge = Callable[[StoredTile], str]  # why the results of a row, whose checksum holds, must not be used; "" if they may
+Check = Callable[[StoredTile], str]  # why the results of a row, whose checksum holds, must not be used; "" if they may
 
 
 def _connected(path: Path, how: str) -> sqlite3.Connection:
@@ -227,13 +227,13 @@ class Store:
         sha256.update(results)
         return sha256.hexdigest()
 
-    def _why_not(self, row: StoredTile, judge: Judge = lambda row: "") -> str:
+    def _why_not(self, row: StoredTile, check: Check = lambda row: "") -> str:
         """Why a row must not be used; "" if it may."""
         try:
             if self._checksum(row, row.results) != row.sha256:
                 return "has other bytes than were written"
             sound = 0 <= row.start < row.stop <= self.size and row.seconds + row.wall >= 0
-            return judge(row) if sound else "is not of this grid"
+            return check(row) if sound else "is not of this grid"
         except TypeError:  # of a column that holds what it cannot
             return "has other bytes than were written"
 
@@ -265,17 +265,17 @@ class Store:
                 self._connection.execute(statement)
             self._connection.executemany("INSERT INTO about VALUES (?, ?)", about.items())
 
-    def go_on(self, lock: Lock, judge: Judge) -> None:
+    def go_on(self, lock: Lock, check: Check) -> None:
         """Make sure that what was left behind is whole: what is damaged is noted in `trouble`, and the rest written anew."""
         delete(self.scratch)
-        trouble = [f"{_named(row)} {why}" for row in self.rows() if (why := self._why_not(row, judge))]
+        trouble = [f"{_named(row)} {why}" for row in self.rows() if (why := self._why_not(row, check))]
         if self.is_cut or not self._is_whole(lock):
             trouble.append("parts of the file cannot be read")
         if len(trouble) > NAMED:
             trouble = [*trouble[:NAMED], f"and {len(trouble) - NAMED} more"]
         if trouble:
             self.trouble = [f"{self.path}: damaged results are computed again ({'; '.join(trouble)})"]
-            self._rewrite(lock, judge)
+            self._rewrite(lock, check)
         self._connection.execute("PRAGMA writable_schema = OFF")
         self._connection.execute("PRAGMA synchronous = FULL")
 
@@ -289,7 +289,7 @@ class Store:
             return False
         return found == ("ok",) and lock.head()[PLACE_OF_VERSIONS] == b"\1\1"
 
-    def _rewrite(self, lock: Lock, judge: Judge) -> None:
+    def _rewrite(self, lock: Lock, check: Check) -> None:
         """Put a file with the rows that are whole in place of this one."""
         about = self.about | {"configuration": as_text(self.configuration)}
         with replacing(self.path, self.scratch) as scratch:
@@ -297,7 +297,7 @@ class Store:
             other.begin(about)
             with other.writing():
                 for row in self.rows():
-                    if not self._why_not(row, judge):
+                    if not self._why_not(row, check):
                         other._insert(row)
             other.close()
             self.close()
@@ -425,7 +425,7 @@ def opened_store(
     path: Path | None,
     configuration: Mapping[str, Any],
     size: int,
-    judge: Judge = lambda row: "",
+    check: Check = lambda row: "",
     *,
     force: bool = False,
 ) -> Iterator[Store]:
@@ -441,7 +441,7 @@ def opened_store(
         All that decides the numbers, as JSON can hold it.
     size : int
         Number of points or parts.
-    judge : callable
+    check : callable
         Why the results of a row, whose checksum holds, must not be used; "" if they may.
     force : bool
         Whether results of another configuration, or a damaged store, may be deleted. Sound ones of this very
@@ -464,12 +464,12 @@ def opened_store(
             store = Store(path, _how(lock))
             stack.callback(store.close)
             try:
-                _take_up(store, lock, configuration, size, judge)
+                _take_up(store, lock, configuration, size, check)
             except StoreError:
                 if not force:
                     raise
                 store.clear(lock)
-                _take_up(store, lock, configuration, size, judge)
+                _take_up(store, lock, configuration, size, check)
         try:
             yield store
         except BaseException:
@@ -494,7 +494,7 @@ def _about(configuration: Mapping[str, Any], size: int) -> dict[str, Any]:
     }
 
 
-def _take_up(store: Store, lock: Lock, configuration: Mapping[str, Any], size: int, judge: Judge) -> None:
+def _take_up(store: Store, lock: Lock, configuration: Mapping[str, Any], size: int, check: Check) -> None:
     """Begin a store, or go on with the one that is there if it goes with a configuration."""
     if store.is_new():
         store.begin(_about(configuration, size))
@@ -508,6 +508,6 @@ def _take_up(store: Store, lock: Lock, configuration: Mapping[str, Any], size: i
     if store.size != size:
         why = f"tells of {store.size} points, where its grid has {size}"
         raise StoreError(f"{store.path}: is damaged ({why}); begin anew (force=True)")
-    store.go_on(lock, judge)
+    store.go_on(lock, check)
     with store.writing():
         store.tell(process=os.getpid(), host=socket.gethostname(), since=time.strftime("%Y-%m-%d %H:%M:%S"))

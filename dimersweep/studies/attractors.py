@@ -174,7 +174,7 @@ def attractors(
 
 
 def drawn_starts(ranges: Any, fixed: Any, points: Any, starts: int, seed: int) -> dict[str, np.ndarray]:
-    """Columns of starts: those of a table, or drawn evenly and independently from ranges, whose ends are judged as starts.
+    """Columns of starts: those of a table, or drawn evenly and independently from ranges, whose ends are checked as starts.
 
     Raises
     ------

@@ -137,10 +137,10 @@ def read_borders(path: str | os.PathLike[str]) -> Borders:
     ParameterError
         Naming the word or the value that is not allowed.
     """
-    return read_sections(Path(path), Borders, _judge)
+    return read_sections(Path(path), Borders, _check)
 
 
-def _judge(declared: Borders) -> None:
+def _check(declared: Borders) -> None:
     """Refuse what is wrong with sections that are allowed one by one, such as names given twice, or that change nothing."""
     curves, branches, families = declared.curves, declared.branches, declared.families
     if sum(part is not None for part in (curves, branches, families)) != 1:
@@ -152,7 +152,7 @@ def _judge(declared: Borders) -> None:
                 raise ParameterError(f"curves.kinds: {unknown(kind, 'border', BORDER_KINDS)}")
     for section, names in {"over": declared.over, "fixed": declared.fixed}.items():
         for name in names:
-            _judge_name(declared, section, name)
+            _check_in_section(declared, section, name)
     for point in declared.points():
         given = checked(point)
         if families is not None:
@@ -165,7 +165,7 @@ def _judge(declared: Borders) -> None:
                 checked_spin(end, given) if branches.parameter == "spin" else checked(given | {branches.parameter: end})
 
 
-def _judge_name(declared: Borders, section: str, name: str) -> None:
+def _check_in_section(declared: Borders, section: str, name: str) -> None:
     """Refuse a parameter that a section must not have."""
     curves, part = declared.curves, declared.curves or declared.branches or declared.families
     check_name(name)

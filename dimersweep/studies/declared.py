@@ -102,7 +102,7 @@ class Declaration(SweepFileSection):
     def study(
         self, *, periods: int | None = None, rtol: float | None = None, certify: bool = False, carry: str | None = None
     ) -> Study:
-        """What the sections say together, judged.
+        """What the sections say together, checked.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ def explain(error: ValidationError, whole: type[BaseModel]) -> list[str]:
         elif complaint["type"] == "missing":
             mistakes.append(f"{where}: is missing")
         elif complaint["type"] == "value_error":
-            mistakes.append(str(complaint["ctx"]["error"]))  # of one of our own checks, which names what it judges
+            mistakes.append(str(complaint["ctx"]["error"]))  # of one of our own checks, which names what it checks
         else:
             mistakes.append(f"{where} = {complaint['input']!r}: {complaint['msg'].replace('Input should', 'must')}")
     # a misspelt key is not missing too
@@ -184,11 +184,11 @@ def explain(error: ValidationError, whole: type[BaseModel]) -> list[str]:
 def _of_parameters(raw: Mapping[str, Any]) -> list[str]:
     """What is wrong with single parameters in the sections grid and fixed, each in one line."""
     mistakes = []
-    for section, judged in (("grid", axis_values), ("fixed", fixed_value)):
+    for section, read in (("grid", axis_values), ("fixed", fixed_value)):
         given = raw.get(section, {})
         for name, value in given.items() if isinstance(given, Mapping) else ():
             try:
-                check({name: judged(name, value)}, gaps=PARAMETERS)  # rules between two parameters wait for all of them
+                check({name: read(name, value)}, gaps=PARAMETERS)  # rules between two parameters wait for all of them
             except ParameterError as error:
                 mistakes.append(str(error))
     return mistakes
@@ -198,16 +198,19 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def read_sections(
-    path: Path, whole: type[M], judge: Callable[[M], object], piecewise: Callable[[Any], list[str]] = lambda raw: []
+    path: Path,
+    whole: type[M],
+    check_whole: Callable[[M], object],
+    piecewise: Callable[[Any], list[str]] = lambda raw: [],
 ) -> M:
-    """What a file of TOML says, judged.
+    """What a file of TOML says, checked.
 
     Parameters
     ----------
     path : Path
     whole : type
         The sections that it may have.
-    judge : callable
+    check_whole : callable
         Raises a ParameterError if sections that are allowed one by one are not allowed together.
     piecewise : callable
         What else is wrong with single values, each in one line.
@@ -232,7 +235,7 @@ def read_sections(
     mistakes += piecewise(raw)
     if not mistakes:
         try:
-            judge(declared)
+            check_whole(declared)
             return declared
         except ParameterError as error:
             mistakes = [str(error)]
@@ -242,7 +245,7 @@ def read_sections(
 
 
 def read_declaration(path: str | os.PathLike[str]) -> Declaration:
-    """Read and judge a sweep file.
+    """Read and check a sweep file.
 
     Parameters
     ----------
@@ -270,12 +273,12 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     """
     path = Path(path)
 
-    def judge(declared: Declaration) -> None:
+    def check_whole(declared: Declaration) -> None:
         if declared.points is not None and declared.points.file is not None:
             declared.points.file = str(path.parent / declared.points.file)
         declared.study()
 
-    return read_sections(path, Declaration, judge, _of_parameters)
+    return read_sections(path, Declaration, check_whole, _of_parameters)
 
 
 def make(

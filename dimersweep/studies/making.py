@@ -224,7 +224,7 @@ def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.
 
 
 def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
-    """The cube of `study` if it is at the output already, with nothing to retry; the output is judged.
+    """The cube of `study` if it is at the output already, with nothing to retry; the output is checked.
 
     Raises
     ------

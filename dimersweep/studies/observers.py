@@ -14,7 +14,7 @@ from dimersweep.kernel.batch import N_START, Workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_N_PERIODS, CODE_STATUS, M_DRIFT, OK, ROW
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import states_of_segments
-from dimersweep.runs.run import simulate_judged
+from dimersweep.runs.run import simulate_checked
 from dimersweep.runs.shadows import certified
 from dimersweep.runs.solving import MAX_RECORDED, RunSettings, exactly, run_all_patiently, run_row
 from dimersweep.symbols import QUANTITIES, STATE_QUANTITIES, Quantity
@@ -184,7 +184,7 @@ class Paths(Observer):
     def _of(self, row: np.ndarray, rtol: float, space: Workspace) -> tuple[np.ndarray, np.ndarray, float]:
         """Positions [m] of the run of a row, and its axial velocity [m s-1]."""
         parameters = Parameters(**dict(zip(ROW, row.tolist(), strict=True)))
-        run = simulate_judged(parameters, exactly(self.periods, rtol), space)
+        run = simulate_checked(parameters, exactly(self.periods, rtol), space)
         if not run.n_periods:
             return np.empty(0), np.empty(0), nan
         states = run.states(np.linspace(0, run.n_periods / parameters.f, run.n_periods * self.per_period + 1))

@@ -214,7 +214,7 @@ class RefinedMap(Search):
 
 
 def study_of(coarse: Search, halvings: Mapping[str, int], between: Sequence[str] | None) -> RefinedMap:
-    """The refined map that begins with a search on a coarse grid, judged; see `refine`.
+    """The refined map that begins with a search on a coarse grid, checked; see `refine`.
 
     Raises
     ------

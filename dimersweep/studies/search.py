@@ -297,7 +297,7 @@ def study_of(
     paths: Mapping[str, int] | None = None,
     **how: Any,
 ) -> Search:
-    """Judge a search and lay it out, see `search`; `how` is what `run_settings` takes."""
+    """Check a search and lay it out, see `search`; `how` is what `run_settings` takes."""
     if over not in grid:
         raise ParameterError(f"over = {over!r}: must be one of the axes ({', '.join(grid)})")
     if ask not in ASKS:

@@ -26,7 +26,7 @@ def study_of(
     carry: str | None = None,
     **how: Any,
 ) -> Study:
-    """Judge a sweep and lay it out, see `sweep`; `how` is what `run_settings` takes.
+    """Check a sweep and lay it out, see `sweep`; `how` is what `run_settings` takes.
 
     Raises
     ------

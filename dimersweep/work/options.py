@@ -32,7 +32,7 @@ class Given(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How a study is run: what `sweep` takes besides the study, judged; get one from `make_options`."""
+    """How a study is run: what `sweep` takes besides the study, checked; get one from `make_options`."""
 
     workers: int  # threads of this process, where there is no client
     client: Any = None
@@ -64,9 +64,9 @@ def make_options(**given: Unpack[Given]) -> Options:
             fixed = f"; what is the same at all points goes into fixed = {{{name!r}: {value!r}}}"
             raise TypeError(f"{name} = {value!r}: unknown option{fixed if name in PARAMETERS else ''}")
     out, workers = given.get("out"), given.get("workers")
-    judged: dict[str, Any] = dict(given) | {
+    checked: dict[str, Any] = dict(given) | {
         "workers": CPU_COUNT if workers is None else check_count("workers", workers, MAX_WORKERS),
         "out": None if out is None else Path(out),
         "attrs": check_attrs(given.get("attrs")),
     }
-    return Options(**judged)
+    return Options(**checked)
