@@ -11,7 +11,7 @@ import xarray as xr
 
 import dimersweep
 from dimersweep import bifurcation, loops, names, open_cube, orbits, plots, simulate, sweep
-from dimersweep.cubes.results import Tile
+from dimersweep.cubes.results import Tile, chunks
 from dimersweep.errors import ParameterError, StoreError, UnfinishedError
 from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.course import new_workspace
@@ -24,8 +24,7 @@ from dimersweep.studies.making import points_in
 from dimersweep.studies.planning import plan
 from dimersweep.studies.study import Study
 from dimersweep.studies.sweep import study_of
-from dimersweep.work.scheduling import bundles
-from tests.seams import SteadyPace, another_version
+from tests.seams import another_version
 
 pytestmark = [pytest.mark.jit, pytest.mark.usefixtures("empty_folder")]
 
@@ -291,23 +290,20 @@ def test_any_number_of_workers_gives_the_same_bits(both, workers):
 
 @pytest.mark.parametrize("length", [1, 3, 7, 100])
 def test_lines_are_never_cut(length):
-    made = list(bundles([Tile(0, 6), Tile(9, 21)], SteadyPace(length), 3))
-    assert all(tile.start % 3 == 0 and tile.stop % 3 == 0 for bundle in made for tile in bundle)
-    points = [point for bundle in made for tile in bundle for point in range(*tile)]
-    assert points == [*range(6), *range(9, 21)]
-    assert all(sum(stop - start for start, stop in bundle) <= max(3, length) for bundle in made)
+    made = list(chunks([Tile(0, 6), Tile(9, 21)], lambda: length, 3))
+    assert all((each.reshape(-1, 3) % 3 == [0, 1, 2]).all() for each in made)
+    assert np.concatenate(made).tolist() == [*range(6), *range(9, 21)]
+    assert all(each.size <= max(3, length) for each in made)
 
 
 def test_a_window_for_a_worker_has_whole_lines():
     spec = study_of(GRID, carry="both", periods=10)
     for start in range(0, 40, 10):
-        narrow, (tile,), shift = spec.narrowed((Tile(start, start + 10),))
+        points = np.arange(start, start + 10)
+        narrow, there = spec.narrowed(points)
         assert narrow.line == spec.line == 10
-        assert (tile.start + shift, tile.stop + shift) == (start, start + 10)
-        np.testing.assert_array_equal(
-            narrow.grid.rows_at(np.arange(*tile)), spec.grid.rows_at(np.arange(start, start + 10))
-        )
-        (direction,) = set(narrow.grid.values(np.arange(*tile))["direction"].tolist())
+        np.testing.assert_array_equal(narrow.grid.rows_at(there), spec.grid.rows_at(points))
+        (direction,) = set(narrow.grid.values(there)["direction"].tolist())
         assert direction == start // 10 % 2
 
 

@@ -17,7 +17,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 import dimersweep
-from dimersweep.cubes.results import Tile
+from dimersweep.cubes.results import Finished, Tile
 from dimersweep.errors import ParameterError, StoreError, UserError
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.tilestore import tile_store
@@ -326,7 +326,7 @@ def left_behind(fake_kernel):
     spec = study_of(GRID, periods=5)
     with tile_store(Path("cube.nc"), spec.configuration(), spec.grid.size) as store:
         for tile in ((0, 6), (8, 12)):
-            store.add(attempt(spec, (Tile(*tile),)).finished[0])
+            store.add(Finished(Tile(*tile), attempt(spec, np.arange(*tile)).results))
             store.flush()
     return Path("cube.nc.tiles").read_bytes(), expected
 

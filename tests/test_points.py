@@ -158,7 +158,7 @@ def test_the_command_runs_a_file_of_points_and_makes_its_cube_again(tmp_path, mo
         ("f,Gamma\n15,NA\n", r"Gamma = 'NA': must be a number$"),
         ("f,Gamma\n15,nan\n", r"Gamma = nan: must be finite$"),
         ("f,Gamma\n", r"points: 0 of them; must be 1 to"),
-        ("", r"table.csv': is no table \(No columns to parse from file\)$"),
+        ("", r"table.csv': is no table \(it is empty\)$"),
         ("f\n15\n\xff\n", r"table.csv': is no table \("),
     ],
 )

@@ -5,6 +5,7 @@ import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
+from itertools import pairwise
 from typing import NamedTuple
 
 import dask
@@ -16,10 +17,12 @@ from hypothesis import strategies as st
 import dimersweep
 from dimersweep.cubes.results import (
     RESULT,
-    Finished,
     Tile,
     blank_results,
+    chunks,
+    common,
     gaps,
+    pieces,
     runs,
 )
 from dimersweep.errors import KernelError, ParameterError, UnfinishedError
@@ -29,19 +32,9 @@ from dimersweep.kernel.compiler import ways
 from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED, ROW_BETA0
 from dimersweep.studies.sweep import study_of
 from dimersweep.work import scheduling, tiles
-from dimersweep.work.scheduling import (
-    IN_FLIGHT,
-    Pool,
-    bundles,
-    run_tiles,
-)
+from dimersweep.work.scheduling import IN_FLIGHT, Pool, run_tasks
 from dimersweep.work.stopping import StopFlag
-from dimersweep.work.tiles import (
-    Broken,
-    Made,
-    after,
-    attempt,
-)
+from dimersweep.work.tiles import Made, attempt
 from tests.fakes import CODE, points_on_disk, raising
 from tests.seams import SteadyPace, set_pace, use_kernel
 
@@ -65,9 +58,18 @@ def test_gaps_are_what_no_tile_covers(done):
 @given(ranges, st.integers(1, 12))
 def test_bundles_cover_all_points_and_are_full(done, length):
     missing = list(gaps(70, done))
-    made = list(bundles(missing, SteadyPace(length)))
-    assert points_of(tile for bundle in made for tile in bundle) == points_of(missing)
-    assert [len(points_of(bundle)) for bundle in made[:-1]] == [length] * (len(made) - 1)
+    made = [each.tolist() for each in chunks(missing, lambda: length)]
+    assert np.concatenate([*made, []]).tolist() == points_of(missing)
+    assert [len(each) for each in made[:-1]] == [length] * (len(made) - 1)
+
+
+@given(ranges, ranges)
+def test_common_ranges_are_where_both_are(some, others):
+    some, others = (list(gaps(70, each)) for each in (some, others))
+    both = list(common(some, others))
+    assert points_of(both) == sorted(set(points_of(some)) & set(points_of(others)))
+    whole = [each.tile for each in pieces(np.array(points_of(both), dtype=int), blank_results(70))]
+    assert points_of(whole) == points_of(both) and all(a.stop < b.start for a, b in pairwise(whole))
 
 
 @given(st.lists(st.booleans()), st.integers(0, 5))
@@ -77,13 +79,11 @@ def test_runs_are_where_it_holds(chosen, start):
 
 @given(st.integers(0, 239), st.integers(1, 240))
 def test_a_narrowed_spec_has_the_same_points(start, length):
-    bundle = (Tile(start, min(start + length, 240)),)
-    small, moved, shift = SPEC.narrowed(bundle)
-    stop = bundle[0].stop
-    if start // 40 == (stop - 1) // 40:  # in one row of the last axis
-        assert small.grid.size == stop - start
-    assert [Tile(a + shift, b + shift) for a, b in moved] == list(bundle)
-    assert small.grid.rows_at(np.arange(*moved[0])).tobytes() == SPEC.grid.rows_at(np.arange(*bundle[0])).tobytes()
+    points = np.arange(start, min(start + length, 240))
+    small, there = SPEC.narrowed(points)
+    if start // 40 == points[-1] // 40:  # in one row of the last axis
+        assert small.grid.size == points.size
+    assert small.grid.rows_at(there).tobytes() == SPEC.grid.rows_at(points).tobytes()
 
 
 CLOCK = [0.0]  # seconds
@@ -103,42 +103,32 @@ def slow_points(rows, periods, rtol, settle, out, codes, until=0, space=None):
 def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
     use_kernel(monkeypatch, slow_points)
     monkeypatch.setattr("dimersweep.work.tiles.perf_counter", lambda: CLOCK[0])
-    first, second = attempt(SPEC, (Tile(0, 10), Tile(10, 240))).finished
-    assert first.seconds <= tiles.OVERTIME * tiles.TILE_SECONDS + 0.05
-    assert first.tile == Tile(0, 10)
-    assert second.tile.start == 10 and 30 < second.tile.stop < 60
-    assert len(second.results) == second.tile.stop - 10
-    assert (second.codes[:, CODE["mode"]] > 0).all()
+    made = attempt(SPEC, np.arange(240))
+    assert made.seconds <= tiles.OVERTIME * tiles.TILE_SECONDS + 0.05
+    assert 30 < len(made.results) < 60
+    assert (made.results["codes"][:, CODE["mode"]] > 0).all()
 
 
 def test_a_tile_stops_when_it_is_told_to(monkeypatch):
     use_kernel(monkeypatch, slow_points)
     stop = StopFlag()
     stop.set()
-    assert [tile.tile for tile in attempt(SPEC, (Tile(20, 240),), stop).finished] == [Tile(20, 21)]
+    assert len(attempt(SPEC, np.arange(20, 240), stop).results) == 1
 
 
 def test_one_point_that_raises_costs_no_other(monkeypatch):
     bad = SPEC.grid.axes["beta0"][7]
     use_kernel(monkeypatch, raising(lambda rows: rows[:, ROW_BETA0] == bad))
-    task = (Tile(0, 5), Tile(5, 40))
-    (first, second), broken = attempt(SPEC, task, shift=100)
-    assert (first.tile, second.tile) == (Tile(100, 105), Tile(105, 107))
-    assert (np.concatenate([first.codes, second.codes])[:, CODE["mode"]] > 1).all()
-    assert broken == Broken((Tile(107, 108),), "MemoryError: no room")
-    assert after(task, Made([first, second], broken).points) == (Tile(8, 40),)
-
-
-@given(ranges, st.integers(0, 80))
-def test_what_comes_after_some_points(made, points):
-    assert points_of(after(tuple(made), points)) == points_of(made)[points:]
+    made = attempt(SPEC, np.arange(40))
+    assert len(made.results) == 7 and (made.results["codes"][:, CODE["mode"]] > 1).all()
+    assert (made.broken, made.reason) == (1, "MemoryError: no room")
 
 
 def test_few_tasks_are_in_flight_and_short_ones_go_on():
     flying, most, taken = set(), [0], []
     lock = threading.Lock()
 
-    def submit(work, bundle, seconds):
+    def submit(work, points, seconds):
         future = Future()
         with lock:
             flying.add(future)
@@ -148,17 +138,15 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
             time.sleep(0.001)
             with lock:
                 flying.discard(future)
-            stop = min(bundle[0].stop, bundle[0].start + 3)
-            finished = Finished(Tile(bundle[0].start, stop), blank_results(stop - bundle[0].start))
-            future.set_result(Made([finished]))
+            future.set_result(Made(blank_results(min(3, points.size))))
 
         threading.Thread(target=work).start()
         return future
 
     pool, pace = Pool(submit, lambda: 3), SteadyPace(7, lambda: 3)
-    for made in run_tiles(pool, SPEC, [Tile(0, 500)], pace, StopFlag()):
-        taken += [each.tile for each in made.finished]
-    assert sorted(points_of(taken)) == list(range(500))
+    for points, made in run_tasks(pool, SPEC, [Tile(0, 500)], pace, StopFlag()):
+        taken += points[: len(made.results)].tolist()
+    assert sorted(taken) == list(range(500))
     assert most[0] <= 3 * IN_FLIGHT
 
 
@@ -349,12 +337,12 @@ class Endless(NamedTuple):
 
 def test_a_task_elsewhere_ends_when_its_asker_says_so(monkeypatch):
     monkeypatch.setattr(scheduling, "prove", lambda: None)
-    run = partial(scheduling.run_elsewhere, Endless(), (Tile(0, 3),), 0, 60.0, kernel_version())
+    run = partial(scheduling.run_elsewhere, Endless(), np.arange(3), 60.0, kernel_version())
     with ThreadPoolExecutor(2) as pool:
         mine, other = pool.submit(run, "mine"), pool.submit(run, "another's")
         scheduling.stop_elsewhere("mine")
-        assert mine.result(30).finished == []
+        assert len(mine.result(30).results) == 0
         assert not other.done()
         scheduling.stop_elsewhere("another's")
-        assert other.result(30).finished == []
-        assert run("mine").finished == [], "a task that comes later"
+        assert len(other.result(30).results) == 0
+        assert len(run("mine").results) == 0, "a task that comes later"

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.results import Tile, split
+from dimersweep.cubes.results import Tile, chunks, split
 from dimersweep.errors import KernelError, UnfinishedError
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model.layout import (
@@ -36,8 +36,7 @@ from dimersweep.studies.sweep import study_of
 from dimersweep.work import proving
 from dimersweep.work.progress import Lines, Tally
 from dimersweep.work.proving import proof
-from dimersweep.work.scheduling import TASK_POINTS, Pace, bundles
-from dimersweep.work.tiles import count
+from dimersweep.work.scheduling import TASK_POINTS, Pace
 from tests.fakes import failing, fake_run_many, raising, run_tile
 from tests.seams import no_work, set_pace, use_kernel
 
@@ -317,7 +316,7 @@ def times_left(points, point_seconds, first_seconds, workers):
     The first task of each worker takes `first_seconds` more than its points do.
     """
     tally, pace = Tally(points, workers=lambda: workers), Pace(points, lambda: workers)
-    tasks, told, now = bundles([Tile(0, points)], pace), [], 0.0
+    tasks, told, now = chunks([Tile(0, points)], lambda: pace.length), [], 0.0
     busy = [(0.0, worker, 0, first_seconds) for worker in range(workers)]
     heapq.heapify(busy)
     while busy:
@@ -327,9 +326,9 @@ def times_left(points, point_seconds, first_seconds, workers):
             tally.add({"drift": done}, seconds)
             told.append((now, tally.time_left()))
             seconds = 0.0
-        if task := next(tasks, None):
-            work = seconds + count(task) * point_seconds
-            heapq.heappush(busy, (now + work, worker, count(task), work))
+        if (task := next(tasks, None)) is not None:
+            work = seconds + task.size * point_seconds
+            heapq.heappush(busy, (now + work, worker, task.size, work))
     shown = [
         (at, sum(int(part) * 60**k for k, part in enumerate(left.split(":")[::-1])))
         for at, left in told

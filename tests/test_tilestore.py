@@ -16,7 +16,7 @@ import pytest
 import xarray as xr
 
 import dimersweep
-from dimersweep.cubes.results import Tile
+from dimersweep.cubes.results import Finished, Tile
 from dimersweep.errors import StoreError
 from dimersweep.storage.locking import Lock, is_locked, lock_of
 from dimersweep.storage.store import Store
@@ -39,11 +39,16 @@ def sweep(**settings):
     return dimersweep.sweep(GRID, **({"periods": 5, "progress": False, "out": "cube.nc"} | settings))
 
 
+def made(start, stop):
+    """A finished tile."""
+    return Finished(Tile(start, stop), attempt(SPEC, np.arange(start, stop)).results)
+
+
 def left_behind(*tiles):
     """The store of a sweep that was killed after `tiles`, each in a row of its own."""
     with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
         for tile in tiles:
-            store.add(attempt(SPEC, (Tile(*tile),)).finished[0])
+            store.add(made(*tile))
             store.flush()
 
 
@@ -103,7 +108,7 @@ def forge(**columns):
 
 def forge_modes(*codes):
     """Change modes in the results of the second row, with a true checksum."""
-    results = attempt(SPEC, (Tile(50, 60),)).finished[0].results.copy()
+    results = made(50, 60).results.copy()
     results["codes"][: len(codes), 1] = codes
     forge(results=results.tobytes())
 
@@ -151,7 +156,7 @@ def test_a_store_is_mended_once_and_used_on(counted):
     for trouble in (1, 0):
         with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
             assert len(store.file.trouble) == trouble
-            store.add(attempt(SPEC, (Tile(100, 110),)).finished[0]) if trouble else None
+            store.add(made(100, 110)) if trouble else None
             store.flush()
             assert store.gaps()[-1] == Tile(110, 120) and len(store.gaps()) > 1
             with pytest.raises(BlockingIOError):  # what is locked is the new file
@@ -228,7 +233,7 @@ def test_force_keeps_what_fits_and_clears_what_does_not(counted):
 
 def test_status_reads_while_another_writes():
     with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
-        store.add(attempt(SPEC, (Tile(0, 30),)).finished[0])
+        store.add(made(0, 30))
         store.flush()
         with store.file.writing():
             store.file.take_out(0)
@@ -414,7 +419,7 @@ def test_a_disk_that_is_read_only(disk):
 
 
 def test_a_slow_disk_is_asked_less_often(monkeypatch):
-    whole, put, written = attempt(SPEC, (Tile(0, 120),)).finished[0], Store.put, []
+    whole, put, written = made(0, 120), Store.put, []
     clock = [0.0]
     monkeypatch.setattr("dimersweep.storage.tilestore.perf_counter", lambda: clock[0])
 
@@ -447,7 +452,7 @@ def test_a_cube_that_cannot_be_written_costs_no_points(counted, monkeypatch):
 
 
 def test_what_is_read_is_what_was_added(monkeypatch):
-    whole = attempt(SPEC, (Tile(0, 120),)).finished[0]
+    whole = made(0, 120)
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
         for piece in ((30, 40), (90, 120), (10, 30), (0, 5)):
             store.add(whole.part(Tile(*piece)))
@@ -479,7 +484,7 @@ def test_any_client_of_sqlite_can_read_it():
         ((kept, modes),) = file.execute("SELECT sum(stop - start), group_concat(what) FROM tiles")
         assert kept == 40 and "drift" in modes
         ((results,),) = file.execute("SELECT results FROM tiles WHERE start = 50")
-    whole = attempt(SPEC, (Tile(50, 60),)).finished[0].results
+    whole = made(50, 60).results
     assert np.frombuffer(results, whole.dtype).tobytes() == whole.tobytes()
 
 

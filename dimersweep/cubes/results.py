@@ -1,6 +1,7 @@
 """Results of grid points: their layout, ranges of points, and which of them have failed or never run."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -82,9 +83,6 @@ class Tile(NamedTuple):
     stop: int
 
 
-Bundle = tuple[Tile, ...]  # what one task runs: scattered points would be too little work one by one
-
-
 class Finished(NamedTuple):
     """A tile with its results, shape (n,), and its time [s]."""
 
@@ -119,10 +117,56 @@ def gaps(size: int, done: Iterable[Tile]) -> Iterator[Tile]:
         yield Tile(reached, size)
 
 
+def common(some: Iterable[Tile], others: Sequence[Tile]) -> Iterator[Tile]:
+    """The ranges that lie in both; each in order, and apart from one another."""
+    first = 0
+    for start, stop in some:
+        while first < len(others) and others[first].stop <= start:
+            first += 1
+        for low, high in islice(others, first, None):
+            if low >= stop:
+                break
+            yield Tile(max(start, low), min(stop, high))
+
+
+def chunks(ranges: Iterable[Tile], length: Callable[[], int], line: int = 1) -> Iterator[np.ndarray]:
+    """Numbers of the points of `ranges`, each time as many as `length` then says; the last ones may be fewer.
+
+    Each time they are whole lines of so many points, at least one; `ranges` have whole ones.
+    """
+    parts: list[np.ndarray] = []
+    room = 0
+    for start, stop in ranges:
+        at = start
+        while at < stop:
+            room = room or line * max(1, length() // line)
+            parts.append(np.arange(at, min(stop, at + room)))
+            at, room = at + parts[-1].size, room - parts[-1].size
+            if not room:
+                yield np.concatenate(parts)
+                parts = []
+    if parts:
+        yield np.concatenate(parts)
+
+
+def ranges_of(points: np.ndarray) -> list[Tile]:
+    """The ranges that increasing numbers of points make up."""
+    ends = [0, *(np.flatnonzero(np.diff(points) != 1) + 1).tolist(), points.size]
+    return [Tile(int(points[a]), int(points[b - 1]) + 1) for a, b in pairwise(ends) if a < b]
+
+
 def runs(chosen: np.ndarray, start: int = 0) -> list[Tile]:
     """The ranges where `chosen`, shape (n,), bool, holds; its first item is point `start`."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], chosen, [False])).astype(np.int8))) + start
-    return [Tile(a, b) for a, b in edges.reshape(-1, 2).tolist()]
+    return ranges_of(np.flatnonzero(chosen) + start)
+
+
+def pieces(points: np.ndarray, results: np.ndarray, seconds: float = 0.0) -> Iterator[Finished]:
+    """Results of increasing points, shape (n,), range by range; their time [s] stands with the first one."""
+    first = 0
+    for tile in ranges_of(points):
+        last = first + tile.stop - tile.start
+        yield Finished(tile, results[first:last], seconds)
+        first, seconds = last, 0.0
 
 
 def not_run(codes: np.ndarray) -> np.ndarray:

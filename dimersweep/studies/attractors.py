@@ -25,6 +25,7 @@ from dimersweep.runs.solving import run_settings
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
+from dimersweep.studies.making import in_memory
 from dimersweep.studies.observers import Ends
 from dimersweep.studies.study import Study
 from dimersweep.studies.telling_apart import Attractor, Classifier, distance, matched
@@ -158,7 +159,7 @@ def attractors(
     _check_one_plate(drawn.fixed, table)
     study = Study(grid=drawn, how=how, observers=(Ends(),))
     settle_way(progress=progress)
-    results, _ = study.in_memory(make_options(workers=workers, progress=progress))
+    results, _ = in_memory(study, make_options(workers=workers, progress=progress))
     found = Census(name, values, columns, wanted)
     for k in range(values.size):
         here, _ = drawn.window(k * n, (k + 1) * n)

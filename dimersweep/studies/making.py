@@ -4,7 +4,7 @@ import json
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Unpack
@@ -14,7 +14,7 @@ import xarray as xr
 
 from dimersweep.cubes.cube import flatten, signed
 from dimersweep.cubes.grid import check_fits
-from dimersweep.cubes.results import Finished, Tile, blank_results, failed, not_ok, not_run, runs, split
+from dimersweep.cubes.results import Finished, Tile, blank_results, chunks, common, failed, not_ok, not_run, pieces
 from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.checking import check_unchanged, checksum_of
@@ -24,12 +24,17 @@ from dimersweep.storage.formats import format_of
 from dimersweep.storage.outputs import check_output
 from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
-from dimersweep.studies.study import Known, Label, Study
+from dimersweep.studies.study import Study
 from dimersweep.work.computing import Crew, settle_way
-from dimersweep.work.options import Given, Options, make_options
+from dimersweep.work.options import IN_PASSING, Given, Options, make_options
 
 BLOCK = 1 << 16  # points of other cubes that are looked up at a time
 _POINTS = ("grid", "fixed", "refine")
+
+Stands = Callable[[np.ndarray, np.ndarray], np.ndarray]  # see `Study.stands`
+Known = Callable[
+    [Iterable[Tile], Stands], Iterator[Finished]
+]  # what another cube has of some ranges, as far as it stands
 
 
 def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
@@ -61,9 +66,9 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
         written = False
         try:
             known, origin = known_points(study, options)
-            label = study.run(hired, known)
+            study = conducted(study, hired, known)
             told = attributes(study.configuration(), study.summary, store.wall) | {"kernel_time_s": store.seconds}
-            cube = _finished(study, options, store, label, told | origin | dict(options.attrs))
+            cube = _finished(study, options, store, told | origin | dict(options.attrs))
             written = True
             if out is not None and not options.keep_tiles:
                 store.file.remove()
@@ -73,7 +78,27 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
     return cube
 
 
-def _finished(study: Study, options: Options, store: TileStore, label: Label, told: Mapping[str, Any]) -> xr.Dataset:
+def conducted(study: Study, hired: Crew, known: Sequence[Known] = ()) -> Study:
+    """Have a crew run what a study asks for, but for what other cubes have; the study that labels the results."""
+    store, size = hired.store, study.grid.size
+    for batch in study.batches(lambda: store.read(0, size)):
+        study = batch.study
+        hired.expect(batch.wanted)
+        for points_in in known:
+            hired.take_over(points_in(common(batch.ranges, store.gaps()), study.stands))
+        hired.run(study, batch.ranges)
+    return study
+
+
+def in_memory(study: Study, options: Options = IN_PASSING) -> tuple[np.ndarray, float]:
+    """The results of all points of a study, run anew, and the time that they took [s]."""
+    size = study.grid.size
+    with tile_store(None, study.configuration(), size, study.kind) as store, Crew(store, options) as hired:
+        conducted(study, hired)
+        return store.read(0, size), store.seconds
+
+
+def _finished(study: Study, options: Options, store: TileStore, told: Mapping[str, Any]) -> xr.Dataset:
     """The cube of all results with what it tells of itself, its checksum among that; written, if it has an output."""
     out, replaces = options.out, options.force or options.retry
     write_blocks = None if out is None else format_of(out).write_blocks
@@ -89,7 +114,7 @@ def _finished(study: Study, options: Options, store: TileStore, label: Label, to
                 workers=options.workers,
             )
         return open_cube(out)
-    cube = signed(label(store.read(0, study.grid.size)).assign_attrs(told), study.configuration())
+    cube = signed(study.as_cube(store.read(0, study.grid.size)).assign_attrs(told), study.configuration())
     cube.attrs[CHECKSUM] = checksum_of(cube)
     if out is not None:
         write_cube(cube, out, force=replaces, scratch=store.file.scratch, kept=store.kept_if_refused)
@@ -209,18 +234,18 @@ def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.
                 offset += int(numbers[0])
     results = study.results_of(cube)
 
-    def pieces(ranges: Iterable[Tile]) -> Iterator[Finished]:
-        for tile in split(ranges, line * max(1, BLOCK // line)):
-            parts = np.unravel_index(np.arange(*tile), grid.shape)
+    def known(ranges: Iterable[Tile], stands: Stands) -> Iterator[Finished]:
+        for points in chunks(ranges, lambda: BLOCK, line):
+            parts = np.unravel_index(points, grid.shape)
             columns = [numbers[k] for numbers, k in zip(along, parts, strict=True)]
-            number = np.sum(columns, axis=0) + offset
+            here = np.sum(columns, axis=0) + offset
             there = np.all([column >= 0 for column in columns], axis=0)
-            there[there] = ~unwanted(results["codes"][number[there]])
+            there[there] = ~unwanted(results["codes"][here[there]])
+            there[there] = stands(points[there], results[here[there]])
             there = np.repeat(there.reshape(-1, line).all(axis=1), line)
-            for start, stop in runs(there, tile.start):
-                yield Finished(Tile(start, stop), results[number[start - tile.start : stop - tile.start]])
+            yield from pieces(points[there], results[here[there]])
 
-    return pieces
+    return known
 
 
 def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:

@@ -12,10 +12,10 @@ from dimersweep.cubes.cube import signed
 from dimersweep.cubes.results import blank_results, not_run
 from dimersweep.storage.store import finished_at
 from dimersweep.storage.tilestore import tiles_of
+from dimersweep.studies.making import in_memory
 from dimersweep.studies.study import MOST_PARTS, Sample, Study
-from dimersweep.work.proving import prove
+from dimersweep.work.computing import settle_way
 from dimersweep.work.scheduling import TILES_PER_WORKER
-from dimersweep.work.stopping import stoppable
 from dimersweep.work.tiles import TILE_SECONDS
 
 _SEED = 20100
@@ -107,7 +107,7 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
     -------
     Plan
     """
-    stoppable(lambda _: prove())  # and compile
+    settle_way(progress=False)
     sample = study.sample(np.random.default_rng(_SEED))
     costs, started = [], perf_counter()
     for part in islice(sample.parts, MOST_PARTS):
@@ -120,7 +120,7 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
 
 def _cost(part: Study, shares: np.ndarray) -> tuple[float, float]:
     """What a part of a study takes, its points counting as `shares` say, and their time as the runs that they took."""
-    results, seconds = part.in_memory()
+    results, seconds = in_memory(part)
     made = ~not_run(results["codes"])
     runs = results["counts"].sum(axis=1) if "counts" in (part.kind.names or ()) else made
     return float(shares[made].sum()), seconds * float(shares @ runs) / float(runs.sum())

@@ -1,7 +1,6 @@
 """Tables of points that a sweep file names: in a CSV file, listed, or drawn from ranges."""
 
 import csv
-import os
 from collections.abc import Mapping
 from decimal import Context, Decimal, localcontext
 from math import isfinite
@@ -120,44 +119,30 @@ def _column(declared: Any) -> Any:
     return [f"{value} {declared['unit']}" for value in declared["values"]]
 
 
-def _read(file: str | os.PathLike[str]) -> dict[str, Any]:
-    """The columns of a CSV file.
+def _read(file: str) -> dict[str, list[str]]:
+    """The columns of a CSV file, whose first line names them.
 
     Raises
     ------
     ParameterError
         If it cannot be read or is no table, with the line that has more or fewer values than there are names.
     """
-    import pandas as pd
-
-    where = f"points.file = {str(file)!r}"
+    where = f"points.file = {file!r}"
     try:
-        names = _names(Path(file), where)
-        table = pd.read_csv(Path(file), skipinitialspace=True, index_col=False, keep_default_na=False)
+        with Path(file).open(encoding="utf-8-sig", newline="") as stream:
+            reader = csv.reader(stream, skipinitialspace=True)
+            rows = [(reader.line_num, row) for row in reader if row not in ([], [""])]
     except OSError as error:
         raise ParameterError(f"{where}: cannot be read ({error.strerror})") from None
-    except ParameterError:
-        raise
-    except (ValueError, csv.Error) as error:  # pandas' own errors among them
+    except (ValueError, csv.Error) as error:
         raise ParameterError(f"{where}: is no table ({one_line(error)})") from None
-    return {name: table.iloc[:, k].to_numpy() for k, name in enumerate(names)}
-
-
-def _names(file: Path, where: str) -> list[str]:
-    """The names in the first line of a CSV file, whose other lines have one value for each of them.
-
-    Raises
-    ------
-    ParameterError
-        With the number of the line that has not, or if a name is there twice.
-    """
-    with file.open(encoding="utf-8-sig", newline="") as stream:
-        rows = csv.reader(stream, skipinitialspace=True)
-        names = [" ".join(name.split()) for name in next(filter(None, rows), [])]
-        for name in names:
-            if names.count(name) > 1:
-                raise ParameterError(f"{where}: has {names.count(name)} columns {name}; give each parameter once")
-        for row in rows:
-            if len(row) != len(names) and row not in ([], [""]):
-                raise ParameterError(f"{where}: line {rows.line_num} has {len(row)} values for {len(names)} columns")
-    return names
+    if not rows:
+        raise ParameterError(f"{where}: is no table (it is empty)")
+    names = [" ".join(name.split()) for name in rows[0][1]]
+    for name in names:
+        if names.count(name) > 1:
+            raise ParameterError(f"{where}: has {names.count(name)} columns {name}; give each parameter once")
+    for line, row in rows:
+        if len(row) != len(names):
+            raise ParameterError(f"{where}: line {line} has {len(row)} values for {len(names)} columns")
+    return {name: [row[k] for _, row in rows[1:]] for k, name in enumerate(names)}

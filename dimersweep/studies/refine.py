@@ -1,8 +1,7 @@
 """Boundaries at the cost of their length: cells of a coarse grid are halved only where the answers of a search disagree."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 from math import prod
 from typing import Any, NamedTuple, Self, Unpack
@@ -19,9 +18,8 @@ from dimersweep.parameters import check
 from dimersweep.studies import search
 from dimersweep.studies.deciding import spread_order
 from dimersweep.studies.making import make_cube
-from dimersweep.studies.search import MIXED, REGIONS, Findings, Search
-from dimersweep.studies.study import Known, Label, Sample
-from dimersweep.work.computing import Crew
+from dimersweep.studies.search import MIXED, REGIONS, Search
+from dimersweep.studies.study import Batch, Sample
 from dimersweep.work.options import Given
 
 MAX_HALVINGS = 12
@@ -112,10 +110,13 @@ class RefinedMap(Search):
         Of each axis.
     between : list of int
         Regions to be told apart, codes.
+    cells : sequence of Cell
+        Into which it is cut. Given from batch to batch, and no part of the configuration.
     """
 
     halvings: dict[str, int]
     between: list[int]
+    cells: Sequence[Cell] = ()
 
     @property
     def summary(self) -> str:
@@ -141,24 +142,31 @@ class RefinedMap(Search):
         refined = {"refine": {"halvings": halvings, "between": told_apart}}
         return super().configuration() | self.coarse.configuration() | refined
 
-    def run(self, hired: Crew, known: Sequence[Known]) -> Label:
+    def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """See `Study`: cells are cut until there is none to be cut (see `cuts`).
 
         What was known before is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
         """
-        findings = Findings(self, hired, known)
         extent = tuple(1 << count for count in self.halvings.values())
         starts = (range(0, n - 1, part) for n, part in zip(self.grid.shape, extent, strict=True))
         cells = [Cell(origin, extent) for origin in product(*starts)]
-        self._search_corners(findings, cells, cells)
-        while True:
-            regions = self.labels[self.regions(findings.results)]
-            chosen = cuts(cells, np.where(findings.reached, regions, -1).reshape(self.grid.shape))
-            if not chosen:
-                return partial(self.as_cube, cells=cells)
-            pairs = [(half, cell) for cell, axes in chosen.items() for half in cell.halves(axes)]
-            self._search_corners(findings, [half for half, _ in pairs], [cell for _, cell in pairs])
-            cells = [cell for cell in cells if cell not in chosen] + [half for half, _ in pairs]
+        cut, reached = [(cell, cell) for cell in cells], np.zeros(self.grid.size, dtype=bool)
+        while cut:
+            near: dict[int, set[int]] = {}  # of the corners that are new: those of the cell that was cut
+            for cell, parent in cut:
+                around = self._corners(parent)
+                for point in self._corners(cell):
+                    if not reached[point]:
+                        near.setdefault(point, set()).update(around)
+            known = results()
+            needed = ~not_run(known["codes"])
+            needed[list(near)] = True
+            ordered = {point: sorted(near[point]) for point in sorted(near)}
+            yield replace(self, cells=cells).led(ordered, known, reached, int(needed.sum()))
+            regions = np.where(reached, self.labels[self.regions(results())], -1)
+            chosen = cuts(cells, regions.reshape(self.grid.shape))
+            cut = [(half, cell) for cell, axes in chosen.items() for half in cell.halves(axes)]
+            cells = [cell for cell in cells if cell not in chosen] + [half for half, _ in cut]
 
     def sample(self, rng: np.random.Generator) -> Sample:
         """See `Study`: cells spread over the coarse grid, each refined as if it were alone.
@@ -182,29 +190,15 @@ class RefinedMap(Search):
             shares = np.multiply.outer(shares, share).ravel()
         return replace(self, grid=Grid(axes, self.grid.fixed)), shares
 
-    def _search_corners(self, findings: Findings, cells: Sequence[Cell], parents: Sequence[Cell]) -> None:
-        """Search at the corners of `cells` that are new, with hints from the corners of their `parents`."""
-        near: dict[int, set[int]] = {}
-        for cell, parent in zip(cells, parents, strict=True):
-            around = self._corners(parent)
-            for point in self._corners(cell):
-                if not findings.reached[point]:
-                    near.setdefault(point, set()).update(around)
-        points = np.sort(np.fromiter(near, dtype=np.int64))
-        needed = findings.known | findings.reached
-        needed[points] = True
-        findings.crew.expect(int(needed.sum()))
-        findings.search(points, [sorted(near[point]) for point in points.tolist()])
-
     def _corners(self, cell: Cell) -> list[int]:
         """Numbers of the points at the corners of a cell."""
         return [int(np.ravel_multi_index(place, self.grid.shape)) for place in cell.corners()]
 
-    def as_cube(self, results: np.ndarray, cells: Sequence[Cell] = ()) -> xr.Dataset:
-        """See `Study`; points that were not computed are set to what the corners of `cells` around are, and told apart."""
+    def as_cube(self, results: np.ndarray) -> xr.Dataset:
+        """See `Study`; points that were not computed are set to what the corners of cells around are, and told apart."""
         cube = super().as_cube(results)
         computed = ~not_run(results["codes"]).reshape(self.grid.shape)
-        for face in (face for cell in cells for face in cell.faces()):
+        for face in (face for cell in self.cells for face in cell.faces()):
             missing = ~computed[face]
             for name in FILLED:
                 values = cube[name].values

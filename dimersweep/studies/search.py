@@ -1,6 +1,6 @@
 """Questions about an axis at every point of a grid, such as whether any initial dip angle drifts: points, waves and cube."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any, Self, Unpack
@@ -10,7 +10,7 @@ import xarray as xr
 
 from dimersweep.cubes.cube import FLAGS, blank, build, variable, with_fields
 from dimersweep.cubes.grid import Grid, check_fits, legal_points, make_grid
-from dimersweep.cubes.results import Bundle, Finished, Tile, blank_results, not_ok, not_run, runs
+from dimersweep.cubes.results import not_ok, not_run, ranges_of
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
 from dimersweep.kernel.batch import Workspace, is_stopped
@@ -18,11 +18,10 @@ from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, M_NOT_RUN, MO
 from dimersweep.parameters import completed, fill_rows
 from dimersweep.runs.solving import SLOW_MODES, run_patiently, run_settings
 from dimersweep.studies.deciding import A_NOT_RUN, A_UNSURE, A_YES, ANSWER, ASKS, OPEN, Question
-from dimersweep.studies.making import make_cube
+from dimersweep.studies.making import in_memory, make_cube
 from dimersweep.studies.observers import Longer, Observer, Ran, paths_of
-from dimersweep.studies.study import Known, Label, Sample, Study
+from dimersweep.studies.study import Batch, Sample, Study
 from dimersweep.symbols import PARAMETERS
-from dimersweep.work.computing import Crew
 from dimersweep.work.options import Given
 
 REGIONS = FLAGS["region"]
@@ -72,11 +71,11 @@ class Search(Study):
         }
         return {"search": search, "periods": self.how.periods, "rtol": self.how.rtol}
 
-    def narrowed(self, tiles: Bundle) -> tuple[Self, Bundle, int]:
+    def narrowed(self, points: np.ndarray) -> tuple[Self, np.ndarray]:
         """See `Work`."""
-        small, moved, shift = super().narrowed(tiles)
-        hints = {point: self.hints[point + shift] for tile in moved for point in range(*tile)}
-        return replace(small, hints=hints), moved, shift
+        small, there = super().narrowed(points)
+        hints = {new: self.hints[old] for new, old in zip(there.tolist(), points.tolist(), strict=True)}
+        return replace(small, hints=hints), there
 
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """See `Work`."""
@@ -123,14 +122,33 @@ class Search(Study):
                 break
         return made
 
-    def run(self, hired: Crew, known: Sequence[Known]) -> Label:
+    def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """See `Study`: the points are taken from coarse to fine."""
-        findings, legal = Findings(self, hired, known), legal_points(self.grid)
-        hired.expect(int(legal.sum()))
+        legal = legal_points(self.grid)
+        reached = np.zeros(legal.size, dtype=bool)
         for points, neighbours in waves(self.grid.shape):
-            kept = np.flatnonzero(legal[points])
-            findings.search(points[kept], [neighbours[k] for k in kept])
-        return self.as_cube
+            near = {point: beside for point, beside in zip(points.tolist(), neighbours, strict=True) if legal[point]}
+            yield self.led(near, results(), reached, int(legal.sum()))
+
+    def led(self, near: Mapping[int, Collection[int]], results: np.ndarray, reached: np.ndarray, wanted: int) -> Batch:
+        """A search at some points, in order, each of which tries first what decided at the points that are `near`.
+
+        Each has its own order of trials, from points of earlier batches alone, which are `reached`: others may be known from a
+        search that was stopped, but whoever searches, and whatever was known before, no number changes.
+        """
+        deciders = np.where(reached, results["decider"], 0)
+        hints = {
+            point: list(dict.fromkeys(int(k) - 1 for k in deciders[list(beside)] if k)) or self.hints.get(point, ())
+            for point, beside in near.items()
+        }
+        points = np.fromiter(near, dtype=np.int64)
+        reached[points] = True
+        return Batch(replace(self, hints=hints), ranges_of(points), wanted)
+
+    def stands(self, points: np.ndarray, results: np.ndarray) -> np.ndarray:
+        """See `Study`: points of another cube may have been tried in another order."""
+        same = (self.question.stands(result, self.hints[k]) for k, result in zip(points.tolist(), results, strict=True))
+        return np.fromiter(same, dtype=bool)
 
     def sample(self, rng: np.random.Generator) -> Sample:
         """See `Study`: random points, each begun with what decides at a point beside it, as most of them are."""
@@ -143,7 +161,7 @@ class Search(Study):
         """The search at a point alone, with what decides at a point beside it as its hint."""
         beside, hints = point - 1 if point else min(1, legal.size - 1), {}
         if self.question.led and legal[beside]:
-            decider = int(self._at(beside).in_memory()[0]["decider"][0])
+            decider = int(in_memory(self._at(beside))[0]["decider"][0])
             hints = {0: [decider - 1]} if decider else {}
         return replace(self._at(point), hints=hints)
 
@@ -194,66 +212,6 @@ class Search(Study):
         if "computed" in cube:
             results["codes"][cube["computed"].values.ravel() == 0, CODE_MODE] = M_NOT_RUN
         return results
-
-
-class Findings:
-    """What is known of each point of a search while a crew is at it.
-
-    Parameters
-    ----------
-    study : Search
-    crew : Crew
-    known : sequence of Known
-        Of other cubes, whose points may have been tried in another order.
-    """
-
-    def __init__(self, study: Search, crew: Crew, known: Sequence[Known]) -> None:
-        self.study, self.crew = study, crew
-        self.results = crew.store.read(0, study.grid.size)
-        self.offered = blank_results(study.grid.size if known else 0, study.kind)
-        for points_in in known:
-            for piece in points_in(runs(not_run(self.offered["codes"]))):
-                self.offered[slice(*piece.tile)] = piece.results
-        # points whose turn has come: others may be known from a search that was stopped, but nothing may depend on that
-        self.reached = np.zeros(study.grid.size, dtype=bool)
-
-    @property
-    def known(self) -> np.ndarray:
-        """Where a point was searched, shape (n,), bool."""
-        return ~not_run(self.results["codes"])
-
-    def _take(self, finished: Finished) -> None:
-        self.results[slice(*finished.tile)] = finished.results
-
-    def search(self, points: np.ndarray, neighbours: Sequence[list[int]]) -> None:
-        """Search at those of `points` where nothing is known, trying first what decided at the `neighbours` of each.
-
-        Each point has its own order of trials, from points of earlier calls alone: whoever searches, and whatever was
-        known before, no number changes.
-        """
-        lacking, deciders = ~self.known, np.where(self.reached, self.results["decider"], 0)
-        hints = {}
-        for point, near in zip(points.tolist(), neighbours, strict=True):
-            if lacking[point]:
-                led = dict.fromkeys(int(k) - 1 for k in deciders[near] if k)
-                hints[point] = list(led) or self.study.hints.get(point, [])  # a lone point of a plan brings its own
-        if self.offered.size:
-            stands = self.study.question.stands
-            known = {point for point, tried in hints.items() if stands(self.offered[point], tried)}
-            pieces = [Finished(tile, self.offered[slice(*tile)]) for tile in _ranges(known, lacking.size)]
-            self.crew.take_over(pieces)
-            for piece in pieces:
-                self._take(piece)
-            hints = {point: tried for point, tried in hints.items() if point not in known}
-        self.crew.run(replace(self.study, hints=hints), _ranges(hints, lacking.size), self._take)
-        self.reached[points] = True
-
-
-def _ranges(points: Iterable[int], size: int) -> list[Tile]:
-    """The ranges that `points`, of `size` in all, make up."""
-    chosen = np.zeros(size, dtype=bool)
-    chosen[list(points)] = True
-    return runs(chosen)
 
 
 def waves(shape: tuple[int, ...]) -> Iterator[tuple[np.ndarray, list[list[int]]]]:

@@ -1,6 +1,6 @@
 """A study: points, how each of them is run, what is observed there, and how the results become a cube and back."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Self
 
@@ -9,21 +9,34 @@ import xarray as xr
 
 from dimersweep.cubes.cube import blank, build, results_in, with_fields
 from dimersweep.cubes.grid import Grid
-from dimersweep.cubes.results import Bundle, Field, Finished, Tile, kind_with, not_ok
+from dimersweep.cubes.results import Field, Tile, kind_with, not_ok, not_run
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
 from dimersweep.runs.carrying import carried
 from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently, run_row
-from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.observers import Observer, Ran
-from dimersweep.work.computing import Crew
-from dimersweep.work.options import IN_PASSING, Options
 
 MOST_PARTS = 200  # that are timed
 MOST_OF_LINE = 20  # values of a line that are timed
-Label = Callable[[np.ndarray], xr.Dataset]  # results of all points to a cube
-Known = Callable[[Iterable[Tile]], Iterator[Finished]]  # what another cube has of some ranges of points
+
+
+class Batch(NamedTuple):
+    """Points that are run together.
+
+    Attributes
+    ----------
+    study : Study
+        What is done at them; with the state of a search that goes on.
+    ranges : sequence of Tile
+        They, in order; what is known of them already is not run again.
+    wanted : int
+        How many points are to be run in all, as far as that is known.
+    """
+
+    study: "Study"
+    ranges: Sequence[Tile]
+    wanted: int
 
 
 class Sample(NamedTuple):
@@ -106,11 +119,11 @@ class Study:
         how = self.how
         return {"periods": how.periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
 
-    def narrowed(self, tiles: Bundle) -> tuple[Self, Bundle, int]:
+    def narrowed(self, points: np.ndarray) -> tuple[Self, np.ndarray]:
         """See `Work`."""
-        grid, start = self.grid.window(tiles[0].start, tiles[-1].stop)
-        shift = tiles[0].start - start
-        return replace(self, grid=grid), tuple(Tile(a - shift, b - shift) for a, b in tiles), shift
+        first, last = points[[0, -1]].tolist()
+        grid, start = self.grid.window(first, last + 1)
+        return replace(self, grid=grid), points - first + start
 
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
@@ -155,20 +168,19 @@ class Study:
             results["out"][here], results["codes"][here] = link.solved.out, link.solved.codes
             yield Ran(rows[here], self.how, results[here], link.start, link.end)
 
-    def run(self, hired: Crew, known: Sequence[Known]) -> Label:
-        """Have a crew run the points that its store lacks, but for those that other cubes have; what labels the results."""
-        for points_in in known:
-            hired.take_over(points_in(hired.store.gaps()))
-        hired.expect(self.grid.size)
-        hired.run(self, hired.store.gaps())
-        return self.as_cube
+    def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
+        """What is to be run, one batch after the other; the study of the last one labels all results.
 
-    def in_memory(self, options: Options = IN_PASSING) -> tuple[np.ndarray, float]:
-        """The results of all points, run anew, and the time that they took [s]."""
-        size = self.grid.size
-        with tile_store(None, self.configuration(), size, self.kind) as store, Crew(store, options) as hired:
-            self.run(hired, ())
-            return store.read(0, size), store.seconds
+        Parameters
+        ----------
+        results : callable
+            Gives those of all points so far, shape (grid.size,); of points of former batches they are there.
+        """
+        yield Batch(self, [Tile(0, self.grid.size)], self.grid.size)
+
+    def stands(self, points: np.ndarray, results: np.ndarray) -> np.ndarray:
+        """Which results of another cube are those that this study would give at `points`; all of shape (n,)."""
+        return ~not_run(results["codes"])
 
     def sample(self, rng: np.random.Generator) -> Sample:
         """Parts that tell what it costs: random points or lines; of a long line some values stand for all."""
@@ -179,7 +191,7 @@ class Study:
             short = replace(self, grid=Grid(self.grid.axes | {axis: some}, self.grid.fixed))
         shares = np.full(short.line, self.line / short.line)
         numbers = rng.choice(lines, min(MOST_PARTS, lines), replace=False).tolist()
-        each = (short.narrowed((Tile(k * short.line, (k + 1) * short.line),))[0] for k in numbers)
+        each = (short.narrowed(np.arange(short.line) + k * short.line)[0] for k in numbers)
         return Sample(lines, "random points" if self.line == 1 else "random lines", ((part, shares) for part in each))
 
     def again(self, results: np.ndarray) -> np.ndarray:

@@ -1,22 +1,22 @@
 """The points that a store lacks, run and put there: workers, progress, and the ways that this can end early."""
 
 import sys
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import wait
+from collections.abc import Iterable
 from contextlib import ExitStack
 
+import numpy as np
+
 from dimersweep.cubes.grid import Grid
-from dimersweep.cubes.results import Finished, Tile, not_ok, tally
+from dimersweep.cubes.results import Finished, Tile, common, not_ok, pieces, tally
 from dimersweep.errors import PointError, Stopped, UnfinishedError
 from dimersweep.kernel.model.layout import CODE_STATUS, STATUS_MESSAGES, STATUSES
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.options import Options
 from dimersweep.work.progress import Tally, report_compiling, watch
 from dimersweep.work.proving import is_proven, prove
-from dimersweep.work.scheduling import POLL, Pace, Pool, cluster, connected, run_tiles, threads
-from dimersweep.work.stopping import StopFlag, in_thread, stop_on_signals
-from dimersweep.work.tiles import Broken, Made, Work, count
+from dimersweep.work.scheduling import Pace, Pool, cluster, connected, run_tasks, threads
+from dimersweep.work.stopping import StopFlag, stop_on_signals, stoppable
+from dimersweep.work.tiles import Made, Work
 
 ALIKE = 10  # tasks that break off in a row for the same reason: then it is not for the points
 
@@ -25,29 +25,28 @@ class Troubles:
     """What has left points without results, for reasons that are not the model's."""
 
     def __init__(self) -> None:
-        self.first: Broken | None = None
-        self.last = ""  # sort of reason
+        self.first, self.reason = -1, ""  # of these points, and why
         self.points = 0
-        self.alike = 0  # in a row
+        self.alike, self.last = 0, ""  # in a row, and their sort of reason
 
-    def note(self, made: Made) -> None:
-        """Take note of what a task has brought back."""
-        if made.done:
+    def note(self, points: np.ndarray, made: Made) -> None:
+        """Take note of what a task of these points has brought back."""
+        if len(made.results):
             self.alike = 0
-        if made.broken is None:
+        if not made.broken:
             return
-        self.first = min(self.first or made.broken, made.broken)
-        self.points += made.broken.points
-        sort = made.broken.reason.partition(":")[0]
+        first = int(points[len(made.results)])
+        if not self.points or first < self.first:
+            self.first, self.reason = first, made.reason
+        self.points += made.broken
+        sort = made.reason.partition(":")[0]
         self.alike = self.alike + 1 if sort == self.last else 1
         self.last = sort
 
     def words(self, grid: Grid) -> str:
         """Such as ``3 points could not be run, such as point 7 (Gamma = 0.9): MemoryError: no room``."""
-        assert self.first is not None
         points, such = ("points", ", such as ") if self.points > 1 else ("point", ": ")
-        where = grid.point(self.first.tiles[0].start)
-        words = f"{self.points} {points} could not be run{such}{where}: {self.first.reason}"
+        words = f"{self.points} {points} could not be run{such}{grid.point(self.first)}: {self.reason}"
         return words + ("; the sweep was stopped, as these came in a row" if self.alike >= ALIKE else "")
 
 
@@ -93,47 +92,44 @@ class Crew(ExitStack):
             print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
         return pool
 
-    def run(self, work: Work, missing: Sequence[Tile], also: Callable[[Finished], None] | None = None) -> None:
-        """Do `work` at the points of `missing`, and hand each tile that is finished to the store, and to `also`.
+    def run(self, work: Work, ranges: Iterable[Tile]) -> None:
+        """Do `work` at the points of `ranges` that the store lacks, and hand what is finished to the store.
 
         Raises
         ------
         PointError, UnfinishedError, Stopped, StoreError
             See `sweep`; what was finished before is in the store.
         """
+        missing = list(common(ranges, self.store.gaps()))
         if not missing:
             return
         if self._pool is None:
             self._pool = self._hire()
-        left = count(missing)
+        left = sum(stop - start for start, stop in missing)
         pace = Pace(left, self._pool.workers)
-        failures: list[tuple[int, str]] = []
+        failures: list[tuple[int, int]] = []  # points, and their status
         troubles = Troubles()
 
         try:
-            for made in run_tiles(self._pool, work, missing, pace, self._stop):
-                troubles.note(made)
-                if troubles.alike >= ALIKE or (troubles.points and self.options.fail_fast):
+            for points, made in run_tasks(self._pool, work, missing, pace, self._stop):
+                troubles.note(points, made)
+                codes = made.results["codes"]
+                left -= len(codes)
+                for piece in pieces(points[: len(codes)], made.results, made.seconds):
+                    self.store.add(piece)
+                if len(codes):
+                    self._shown.add(tally(codes), made.seconds)
+                if self.options.fail_fast and not_ok(codes).any():
+                    row = int(not_ok(codes).argmax())
+                    failures.append((int(points[row]), codes[row, CODE_STATUS]))
+                if failures or troubles.alike >= ALIKE or (troubles.points and self.options.fail_fast):
                     self._stop.set()
-                left -= made.done
-                modes: Counter[str] = Counter()
-                for tile in made.finished:
-                    self.store.add(tile)
-                    if also:
-                        also(tile)
-                    if self.options.fail_fast and not_ok(tile.codes).any():
-                        row = int(not_ok(tile.codes).argmax())
-                        point, status = tile.tile.start + row, tile.codes[row, CODE_STATUS]
-                        words = f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
-                        failures.append((point, f"{work.grid.point(point)} failed: {words}"))
-                        self._stop.set()
-                    modes.update(tally(tile.codes))
-                if modes:
-                    self._shown.add(modes, made.seconds)
         finally:
             self.store.flush()
         if failures:
-            raise PointError(f"{min(failures)[1]}; {self.store.kept}")
+            point, status = min(failures)
+            words = f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
+            raise PointError(f"{work.grid.point(point)} failed: {words}; {self.store.kept}")
         if troubles.points and not self._stop.signal:
             raise UnfinishedError(f"{troubles.words(work.grid)}; {self.store.kept}")
         if left:
@@ -157,11 +153,4 @@ def settle_way(*, progress: bool) -> None:
         return
     if progress:
         report_compiling()
-    with stop_on_signals() as stop:
-        future = in_thread(prove)
-        while not stop.is_set() and not wait([future], timeout=POLL).done:
-            pass
-        if future.done():
-            future.result()
-    if stop.is_set():
-        raise Stopped("nothing was begun", stop.signal)
+    stoppable(lambda _: prove(), kept="nothing was begun")

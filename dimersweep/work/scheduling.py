@@ -13,16 +13,17 @@ from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
 from uuid import uuid4
 
-from dimersweep.cubes.results import Bundle, Tile
+import numpy as np
+
+from dimersweep.cubes.results import Tile, blank_results, chunks
 from dimersweep.errors import KernelError, ParameterError, UserError
 from dimersweep.kernel import kernel_version
 from dimersweep.work.proving import prove
-from dimersweep.work.stopping import StopFlag
-from dimersweep.work.tiles import TILE_SECONDS, Broken, Made, Work, after, attempt
+from dimersweep.work.stopping import POLL, StopFlag
+from dimersweep.work.tiles import TILE_SECONDS, Made, Work, attempt
 
 IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
 TASK_GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
-POLL = 0.1  # seconds between two looks at the flag
 CONNECT_SECONDS = 10.0  # to find a scheduler
 CLIENT_LOGS = ("distributed.client", "tornado.application", "asyncio")  # they log a connection that is lost
 COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
@@ -35,12 +36,12 @@ LOST = "scheduler: the connection to the cluster is lost; what was finished is k
 
 
 class Pool(NamedTuple):
-    """Where work is done: ``submit(work, tiles, seconds)`` gives a future of a `Made`; ``workers()`` counts threads.
+    """Where work is done: ``submit(work, points, seconds)`` gives a future of a `Made`; ``workers()`` counts threads.
 
     ``stop()`` has tasks end that do not see the flag of this process.
     """
 
-    submit: Callable[[Work, Bundle, float], "Future[Made]"]
+    submit: Callable[[Work, np.ndarray, float], "Future[Made]"]
     workers: Callable[[], int]
     stop: Callable[[], None] = lambda: None
 
@@ -85,34 +86,13 @@ class Pace:
         self.length = max(1, min(aim, TASK_GROWTH * self.seen, longest, TASK_POINTS))
 
 
-def bundles(ranges: Iterable[Tile], pace: Pace, line: int = 1) -> Iterator[Bundle]:
-    """Bundles that cover `ranges`, each of ``pace.length`` points as it is then; the last one may have fewer.
-
-    Each has whole lines of so many points, at least one; `ranges` have whole ones.
-    """
-    bundle: list[Tile] = []
-    for start, stop in ranges:
-        at = start
-        while at < stop:
-            if not bundle:
-                room = line * max(1, pace.length // line)
-            bundle.append(Tile(at, min(stop, at + room)))
-            room -= bundle[-1].stop - at
-            at = bundle[-1].stop
-            if room == 0:
-                yield tuple(bundle)
-                bundle = []
-    if bundle:
-        yield tuple(bundle)
-
-
 @contextmanager
 def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
     """A pool of threads in this process, the default: the kernel leaves Python's lock alone."""
     executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
     try:
         yield Pool(
-            lambda work, tiles, seconds: executor.submit(attempt, work, tiles, stop, seconds=seconds),
+            lambda work, points, seconds: executor.submit(attempt, work, points, stop, seconds),
             lambda: workers,
         )
     finally:
@@ -128,8 +108,8 @@ def stop_elsewhere(asker: str) -> None:
     _flags.setdefault(asker, StopFlag()).set()
 
 
-def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version: str, asker: str) -> Made:
-    """Run tiles in a worker process, if that has the same kernel as the process that asks, and it works there.
+def run_elsewhere(work: Work, points: np.ndarray, seconds: float, version: str, asker: str) -> Made:
+    """Run points in a worker process, if that has the same kernel as the process that asks, and it works there.
 
     Raises
     ------
@@ -144,7 +124,7 @@ def run_elsewhere(work: Work, tiles: Bundle, shift: int, seconds: float, version
         raise KernelError(f"scheduler: worker process {os.getpid()} on {socket.gethostname()}: {error}") from None
     if kernel_version() != version:  # as it was compiled, now that it is
         raise ParameterError(_other_kernel("a worker", kernel_version(), version))
-    return attempt(work, tiles, _flags.setdefault(asker, StopFlag()), shift, seconds)
+    return attempt(work, points, _flags.setdefault(asker, StopFlag()), seconds)
 
 
 def _other_kernel(who: str, theirs: str, ours: str) -> str:
@@ -219,10 +199,10 @@ def cluster(client: Any) -> Iterator[Pool]:
                 counted, count = time.monotonic(), sum(client.nthreads().values())
         return count
 
-    def submit(work: Work, tiles: Bundle, seconds: float) -> "Future[Made]":
+    def submit(work: Work, points: np.ndarray, seconds: float) -> "Future[Made]":
         # the task carries its points along: data scattered beforehand could die with a worker
         with _connection():
-            return executor.submit(run_elsewhere, *work.narrowed(tiles), seconds, kernel_version(), asker)
+            return executor.submit(run_elsewhere, *work.narrowed(points), seconds, kernel_version(), asker)
 
     def stop() -> None:
         with suppress(Exception):  # of a connection that is lost
@@ -246,8 +226,8 @@ def _connection() -> Iterator[None]:
         raise UserError(f"{LOST} ({type(error).__name__}: {error})") from error
 
 
-def outcome(future: "Future[Made]", tiles: Bundle) -> Made:
-    """What became of `tiles`: all are broken if the worker died with them.
+def outcome(future: "Future[Made]", points: int) -> Made:
+    """What became of a task of so many points: all are broken if the worker died with them.
 
     Raises
     ------
@@ -261,10 +241,12 @@ def outcome(future: "Future[Made]", tiles: Bundle) -> Made:
     except UserError:
         raise
     except Exception as error:  # of the machinery: `attempt` catches those of the kernel
-        return Made([], Broken(tiles, f"{type(error).__name__}: {error}"))
+        return Made(blank_results(0), broken=points, reason=f"{type(error).__name__}: {error}")
 
 
-def run_tiles(pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, stop: StopFlag) -> Iterator[Made]:
+def run_tasks(
+    pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, stop: StopFlag
+) -> Iterator[tuple[np.ndarray, Made]]:
     """Do `work` at the points of `missing`, in tasks as `pace` says, until all are done or `stop` is set.
 
     What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `TASK_GRACE` seconds to come
@@ -272,17 +254,19 @@ def run_tiles(pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, stop:
 
     Yields
     ------
-    Made
-        What each task brings back.
+    points : ndarray of int
+        Of a task.
+    made : Made
+        What it brings back.
     """
-    running: dict[Future[Made], Bundle] = {}
+    running: dict[Future[Made], np.ndarray] = {}
     done: SimpleQueue[Future[Made]] = SimpleQueue()  # to wait for each of thousands takes far longer
-    undone: deque[Bundle] = deque()
-    tasks = bundles(missing, pace, work.line)
+    undone: deque[np.ndarray] = deque()
+    tasks = chunks(missing, lambda: pace.length, work.line)
     while not stop.is_set():
         while len(running) < pace.in_flight:
-            task = undone.popleft() if undone else next(tasks, ())
-            if not task:
+            task = undone.popleft() if undone else next(tasks, None)
+            if task is None:
                 break
             future = pool.submit(work, task, pace.seconds)
             running[future] = task
@@ -294,12 +278,13 @@ def run_tiles(pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, stop:
         except Empty:
             continue
         task = running.pop(future)
-        made = outcome(future, task)
-        pace.note(made.done, made.seconds)
-        if left := after(task, made.points):
+        made = outcome(future, task.size)
+        pace.note(len(made.results), made.seconds)
+        left = task[len(made.results) + made.broken :]
+        if left.size:
             undone.append(left)
-        yield made
+        yield task, made
     pool.stop()
     for future in wait(running, timeout=TASK_GRACE).done:
         if not future.cancelled() and future.exception() is None:
-            yield future.result()
+            yield running[future], future.result()

@@ -3,14 +3,17 @@
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import contextmanager, suppress
+from math import inf
+from time import monotonic
 from typing import Any, TypeVar
 
 from dimersweep.errors import Stopped
 from dimersweep.kernel.batch import Workspace, new_workspace, stop
 
 RUN_GRACE = 1.0  # seconds that a run has to end when it is stopped: a compiler at work does not
+POLL = 0.1  # seconds between two looks at the flag
 
 T = TypeVar("T")
 
@@ -72,50 +75,44 @@ def stop_on_signals() -> Iterator[StopFlag]:
             signal.signal(number, before[number])
 
 
-def in_thread(call: Callable[[], T]) -> "Future[T]":
-    """The future of `call` in a thread of its own, for which Python does not wait at its end."""
-    future: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(call())
-        except BaseException as error:
-            future.set_exception(error)
-
-    threading.Thread(target=run, daemon=True, name="dimersweep").start()
-    return future
-
-
-def stoppable(call: Callable[[Workspace], T], seconds: float | None = None) -> T:
-    """What `call` returns, with scratch arrays whose runs Ctrl-C stops, or the end of its time.
+def stoppable(call: Callable[[Workspace], T], seconds: float | None = None, kept: str = "") -> T:
+    """What `call` returns, with scratch arrays whose runs a signal stops, or the end of its time.
 
     Parameters
     ----------
     call : callable
-        Runs the kernel on the arrays that it is given. Made in another thread, so that this one can see signals;
-        in a thread that has none, and has no bound on its time, it is made right here.
+        Runs the kernel on the arrays that it is given. Made in another thread, for which Python does not wait at its end, so
+        that this one can see signals; in a thread that has none, and has no bound on its time, it is made right here.
     seconds : float, optional
         Bound on its time [s].
+    kept : str
+        What is kept if it is stopped, in words.
+
+    Raises
+    ------
+    Stopped
+        On Ctrl-C or SIGTERM.
     """
-    flag = StopFlag()
+    future: Future[T] = Future()
+    ends = inf if seconds is None else monotonic() + seconds
 
-    def work() -> T:
-        with flag.space() as space:
-            return call(space)
-
-    if seconds is None and threading.current_thread() is not threading.main_thread():
-        return work()
-    future: Future[T] | None = None
-    try:
-        future = in_thread(work)
+    def run(flag: StopFlag) -> None:
         try:
-            return future.result(seconds)
-        except TimeoutError:
-            flag.set()
+            with flag.space() as space:
+                future.set_result(call(space))
+        except BaseException as error:
+            future.set_exception(error)
+
+    with stop_on_signals() as flag:
+        if seconds is None and threading.current_thread() is not threading.main_thread():
+            run(flag)
+        else:
+            threading.Thread(target=run, args=(flag,), daemon=True, name="dimersweep").start()
+        while not flag.is_set() and not wait([future], min(POLL, max(0.0, ends - monotonic()))).done:
+            if monotonic() >= ends:
+                flag.set()
+        if not flag.signal:
             return future.result()
-    except KeyboardInterrupt:
-        flag.set()
         with suppress(TimeoutError):
-            if future is not None:
-                future.exception(RUN_GRACE)
-        raise
+            future.exception(RUN_GRACE)
+        raise Stopped(kept, flag.signal)
