@@ -210,7 +210,7 @@ def test_a_family_whose_word_changes_with_the_spin_is_one_attractor():
 
 
 def test_motions_that_long_runs_bring_together_are_one_attractor():
-    """One of them is on a family of its own at first, over whose end its spin creeps."""
+    """One of them is on a family of its own at first, over whose end its spin drifts slowly."""
     fixed = {"e": 0.60423, "f": 22.774, "A_r": 5.2429, "mu": 0.13524, "mu_s": 0.23056, "Gamma": 0.99085}
     fixed |= {"r_1": 4.4338e-3, "r_2": 4.3275e-3}
     starts = {"beta0": [-0.152, -0.953, 1.003], "xdot0": [-1.128, 1.469, 0.354], "phi0": [2.984, 0.128, 3.818]}

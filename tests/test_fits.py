@@ -91,7 +91,7 @@ def track_of(run, t, error=0.0, rng=None, sigma=None):
 
 
 def orbit_halfway(scene, moment):
-    """The orbit of the spin that a run has at a moment [forcing periods], if it creeps evenly between impacts."""
+    """The orbit of the spin that a run has at a moment [forcing periods], if it drifts slowly and evenly between impacts."""
     run = simulate(**scene, periods=round(moment), rtol=1e-10)
     cycles = scene.get("phi0", 0.0) / (2 * np.pi)
     since = moment - round(moment) + (round(moment) + cycles - run.orbit.impact_phase) % 1
@@ -112,13 +112,13 @@ TIMES = {
     [
         ({"xdot0": 0.2}, 1e-5, 2e-6),
         ({"xdot0": -1.5, "phi0": 1.0, "beta0": 0.2, **SLIPPY}, 2e-6, 8e-7),
-        ({"xdot0": 2.5}, 2e-5, 2e-6),  # its rate creeps by 1.5 %
+        ({"xdot0": 2.5}, 2e-5, 2e-6),  # its rate drifts by 1.5 %
         ({"xdot0": 0.2, **SPIRAL}, 1e-5, 3e-6),  # without the turn of its velocity against the heading 1.4e-3 m
         ({"xdot0": -0.4, "beta0": -0.28, "phi0": 0.3, **SPIRAL}, 1e-5, 3e-6),
     ],
 )
 def test_a_track_has_of_its_orbit_what_is_foretold(times, scene, close, quicker):
-    """Without errors: a track of a run, and what one of the orbit at its middle would give; swing and creep are seen."""
+    """Without errors: a track of a run, and what one of the orbit at its middle would give; swing and slow drift are seen."""
     run = simulate(**scene, periods=900)
     f = run.parameters["f"]
     t = times(300, 900) / f
@@ -161,7 +161,7 @@ def test_the_swing_is_that_of_the_phase_of_the_plate():
 @pytest.mark.parametrize(
     ("scene", "periods"), [({"xdot0": 2.0}, 900), ({"xdot0": 0.16, **SPIRAL}, 4500), ({"xdot0": 0.12, **SPIRAL}, 4500)]
 )
-def test_the_creep_of_a_run_counts_to_no_error_of_a_coordinate(scene, periods):
+def test_the_slow_drift_of_a_run_counts_to_no_error_of_a_coordinate(scene, periods):
     rng = np.random.default_rng(8)
     run = simulate(**scene, periods=periods)
     track = track_of(run, rng.uniform(300, periods, 400) / 15, 1e-3, rng)

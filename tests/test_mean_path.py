@@ -63,7 +63,7 @@ def test_an_orbit_has_the_path_of_a_run_on_it(scene):
     assert abs(swing.mean()) < 1e-12
 
 
-@pytest.mark.parametrize("spin", [19.7, -40.0, 60.0])  # at 19.7 no motion that creeps is found
+@pytest.mark.parametrize("spin", [19.7, -40.0, 60.0])  # at 19.7 no motion that drifts slowly is found
 def test_the_rate_of_an_orbit_drifts_with_its_spin(spin):
     orbit = orbits.find(
         e=0.5896333951537192, mu=0.25102286019814835, mu_s=0.5020457203962967, A_r=6.1111617441311825, spin=spin

@@ -9,7 +9,7 @@ from dimersweep import orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.continuation import halved
 from dimersweep.orbits.edges import uncertainty
-from dimersweep.orbits.manifold import creep_of, lag
+from dimersweep.orbits.manifold import lag, slow_motion_of
 from dimersweep.orbits.newton import fixed_at, solve
 from dimersweep.orbits.orbit import orbit_of
 
@@ -86,7 +86,7 @@ def test_an_orbit_is_the_same_from_every_section(A_r, spin):
     orbit = orbits.find(A_r=A_r, spin=spin)
     for m, z in orbit.fixed.map.sections(orbit.fixed.image.passage):
         fixed = solve(m, z - lag(fixed_at(m, z)), spin)
-        told.append(orbit_of(fixed, creep_of(fixed)))
+        told.append(orbit_of(fixed, slow_motion_of(fixed)))
     assert len(told) > 1
     assert len({len(one.fixed.z) for one in told}) > 1  # one slips, one sticks
     for name in ("radius", "period", "zeta", "speed", "impact_phase"):
@@ -258,7 +258,7 @@ PASSES_A_BORDER = {
 
 
 def test_a_run_leaves_its_family_where_its_double_impact_ends_another_way():
-    """It settled after 72 periods; the spin creeps on, past the end of the family, and the run goes over to the next one."""
+    """It settled after 72 periods; the spin drifts on, past the end of the family, and the run goes over to the next one."""
     settled, before, beyond = (simulate(**PASSES_A_BORDER, periods=n) for n in (72, 320, 350))
     branch = orbits.follow(orbits.find(guess=settled), "spin", to=145.0)
     assert branch["word"].values[-1].startswith("DI_sp_sp>DI_sp_sk ")

@@ -51,7 +51,7 @@ def test_after_its_turn_the_hop_is_one_of_the_unstable_orbit(hop):
 
 
 def test_a_curve_of_hops_is_the_border_in_any_section():
-    """The border is found in other sections, in which fixed points differ by more where the spin creeps."""
+    """The border is found in other sections, in which fixed points differ by more where the spin drifts slowly."""
     hop = orbits.border_curve("hop", "Gamma", "e", span=(0.63, 0.67), spin=100.0)
     some = hop.isel(point=slice(1, None, 4)).sortby("e")
     told = orbits.border("hop", "Gamma", over={"e": some["e"].values}, spin=100.0)

@@ -1,4 +1,4 @@
-"""Settled means that the fast part has settled: a motion whose spin creeps has its mode, and the creep beside it."""
+"""Settled means that the fast part has settled: a motion whose spin drifts slowly has its mode, and that drift beside it."""
 
 import numpy as np
 import pytest
@@ -8,11 +8,11 @@ from dimersweep import orbits, simulate
 from dimersweep.cubes.cube import names
 
 pytestmark = pytest.mark.jit
-CREEPING = [{"A_r": 5.0, "beta0": 0.3386, "xdot0": xdot0} for xdot0 in (2.5, 3.0)]
+DRIFTING = [{"A_r": 5.0, "beta0": 0.3386, "xdot0": xdot0} for xdot0 in (2.5, 3.0)]
 
 
-@pytest.fixture(scope="module", params=CREEPING, ids=lambda scene: f"xdot0 = {scene['xdot0']}")
-def creeping(request):
+@pytest.fixture(scope="module", params=DRIFTING, ids=lambda scene: f"xdot0 = {scene['xdot0']}")
+def drifting(request):
     return simulate(**request.param, periods=400)
 
 
@@ -27,31 +27,31 @@ def strobes(run):
     return np.column_stack([*gaps, *rates]), spin
 
 
-def test_a_drift_whose_spin_creeps_is_a_drift(creeping):
-    x, _ = strobes(creeping)
+def test_a_drift_whose_spin_drifts_slowly_is_a_drift(drifting):
+    x, _ = strobes(drifting)
     late = slice(100, None)
     change = np.abs(np.diff(x, axis=0)).max(axis=1)
     assert (change[late] > 1e-4).all()  # by its strobes alone it would not have settled
-    assert creeping.mode == "drift"
-    assert creeping.mode_period == 1
-    assert creeping.settled_after < 100
-    assert creeping.spin_drift / creeping.orbit.spin < -2e-4
+    assert drifting.mode == "drift"
+    assert drifting.mode_period == 1
+    assert drifting.settled_after < 100
+    assert drifting.spin_drift / drifting.orbit.spin < -2e-4
 
 
-def test_the_creep_is_that_of_the_family(creeping):
+def test_the_slow_drift_is_that_of_the_family(drifting):
     """A run tells the pace over its last 20 periods, an orbit that of the next one."""
-    orbit = orbits.find(guess=creeping)
-    assert creeping.spin_drift == pytest.approx(orbit.spin_drift, rel=2e-2)
+    orbit = orbits.find(guess=drifting)
+    assert drifting.spin_drift == pytest.approx(orbit.spin_drift, rel=2e-2)
 
 
-def test_the_creep_is_the_change_of_the_spin():
+def test_the_slow_drift_is_the_change_of_the_spin():
     run = simulate(periods=300)
     earlier = simulate(periods=281, record=False)
     slope = (run.orbit.spin - earlier.orbit.spin) / 19
     assert run.spin_drift == run.orbit.spin_drift == pytest.approx(slope, rel=1e-5)
 
 
-def test_the_creep_of_a_motion_that_is_no_drift():
+def test_the_slow_drift_of_a_motion_that_is_no_drift():
     run = simulate(Gamma=1.2, beta0=0.8, periods=100)
     assert run.mode == "jump"
     _, spin = strobes(run)
@@ -60,7 +60,7 @@ def test_the_creep_of_a_motion_that_is_no_drift():
     assert np.isnan(simulate(Gamma=0.5, periods=100, record=False).spin_drift)
 
 
-SWAYED = {"Gamma_x": 0.03}  # the heading drives its strobes, by more than its spin creeps
+SWAYED = {"Gamma_x": 0.03}  # the heading drives its strobes, by more than its spin drifts slowly
 
 
 def test_a_drift_whose_heading_is_driven_is_a_drift():
@@ -160,7 +160,7 @@ def test_the_orbits_of_r1_go_on_where_their_name_changes():
     assert below.longest_hop_1 < 0.5 < above.longest_hop_1 < 0.6
 
 
-def test_a_cube_tells_the_creep_and_the_hops():
+def test_a_cube_tells_the_slow_drift_and_the_hops():
     cube = dimersweep.sweep({"xdot0": [2.5, 3.0], "A_r": [5.0], "beta0": [0.3386]}, periods=200, progress=False)
     assert (names(cube["mode"]) == "drift").all()
     assert (cube["spin_drift"].values < 0).all()

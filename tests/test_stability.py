@@ -115,7 +115,7 @@ def test_a_drift_is_stable_and_its_bouncing_end_contracts_as_a_ball(drift):
     assert "along" not in found.coordinates  # the end that is down sticks
 
 
-def test_an_orbit_creeps_as_its_largest_multiplier_says(drift):
+def test_an_orbit_drifts_as_its_largest_multiplier_says(drift):
     """The speed of the base case falls towards its limit by that factor each period."""
     later = simulate(periods=1300)
     rate = log(later.orbit.speed_drift / drift.orbit.speed_drift) / 1000

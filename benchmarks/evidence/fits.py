@@ -82,7 +82,7 @@ def of_run(seed, strobed=False):
     )  # forcing periods since the impact the spin is told after
     e, spin = given.pop("e"), abs(middle.spin + middle.spin_drift * since)
     fit = fits.fit(track, {"e": (e - 0.045, e + 0.055), "spin": (0.75 * spin, 1.3 * spin)}, **given)
-    more = track.of(fit.orbit)[0] - fit.orbit.path_radius  # because the times are some, and the rate creeps
+    more = track.of(fit.orbit)[0] - fit.orbit.path_radius  # because the times are some, and the rate drifts slowly
     radius = (track.values["path_radius"] - more - middle.path_radius) / track.errors["path_radius"]
     apart = [(fit.values["e"] - e) / fit.errors["e"], (fit.values["spin"] - spin) / fit.errors["spin"], radius]
     return apart, fit.probability, fit.cost

@@ -37,7 +37,7 @@ KINDS = [
     "hop",
 ]
 # what an answer took, what made it, and objects that it holds
-LEFT_OUT = {"cost", "residual", "runs", "made_with", "kernel", "fixed", "creep", "measured"}
+LEFT_OUT = {"cost", "residual", "runs", "made_with", "kernel", "fixed", "creep", "slow_motion", "measured"}
 OF_THE_PLACE = {
     *("history", "source", "kernel_version", "configuration_sha256", "values_sha256", "wall_time_s", "kernel_time_s"),
     *("git_commit", "git_dirty", "python", "numpy", "numba", "llvmlite", "cpu", "platform", "cost"),

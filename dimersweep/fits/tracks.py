@@ -1,7 +1,7 @@
 """A track of the centre of mass: the circle or the cycloid that fits it, with the covariance of what it gives.
 
 No dimer goes round a circle quite evenly. It swings about the mean path within each forcing period, which counts where the
-times are those of few phases of the plate; and its velocity creeps, which counts where a track is long and, where it turns
+times are those of few phases of the plate; and its velocity drifts, which counts where a track is long and, where it turns
 against the heading, always. What a track shows of both follows from the orbit: `Track.of`.
 """
 
@@ -25,7 +25,7 @@ LEAST_TURN = 0.05  # turns in a track that are tried at least
 TURN_PARTS = 4  # rates that are tried in each further turn
 TRIED = 12  # of them that are tried exactly
 LEAST_OWN = 1e-3  # share of a circle that is none of what stands still, below which it is not told apart
-CREEP_POINTS = 20  # points of a track, with which two further coefficients cost little
+SLOW_POINTS = 20  # points of a track, with which two further coefficients cost little
 SPIRAL_STEPS = 64  # of a turn, by which the path of an orbit is summed
 CYCLOID = ("path_radius", "period", "x", "y", "v_x", "v_y")  # numbers of one; those of a circle are the first four
 
@@ -45,7 +45,7 @@ class Track:
         1 if it turns counterclockwise, else -1.
     sigma : float
         Standard deviation of the error of each coordinate [m]: the given one, or what the residuals say, less what is left of
-        them because rate and radius creep.
+        them because rate and radius drift slowly.
     times : ndarray, shape (n,)
         [s]
     moving : bool
@@ -83,7 +83,7 @@ class Track:
         """The `path_radius` and the `period` that a track of an orbit at these times gives, shape (2,).
 
         Times count from the moment at which the plate has the phase `phi0` of the orbit's parameters. The spin is that of the
-        orbit in the middle of them, where it creeps evenly from impact to impact. Before and after it the heading's rate and
+        orbit in the middle of them, where it drifts evenly from impact to impact. Before and after it the heading's rate and
         the velocity seen from there change by what the orbit says, ever less or more by the slow multiplier; the velocity is
         summed.
         """
@@ -233,9 +233,9 @@ def _scatter(residual: np.ndarray, J: np.ndarray, s: np.ndarray, around: np.ndar
 
     Of many points that is a change to second order, of few an even one.
     """
-    orders = np.column_stack([1j * s**2, s, 1j * s**3, s**2])[:, : 4 if s.size >= CREEP_POINTS else 2]
-    creep = orders * around[:, None]
-    slopes = np.column_stack([J, np.vstack([creep.real, creep.imag])])
+    orders = np.column_stack([1j * s**2, s, 1j * s**3, s**2])[:, : 4 if s.size >= SLOW_POINTS else 2]
+    slow = orders * around[:, None]
+    slopes = np.column_stack([J, np.vstack([slow.real, slow.imag])])
     left = np.concatenate([residual.real, residual.imag])
     left = left - slopes @ np.linalg.lstsq(slopes, left, rcond=None)[0]
     return float(np.linalg.norm(left) / np.sqrt(slopes.shape[0] - slopes.shape[1]))

@@ -221,7 +221,9 @@ def _moved(point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
     """A point of a branch in another section; `z` is that of its motion there."""
     axis = point.axis
     fixed = fixed_at(moved, z)
-    fixed = fixed._replace(z=z - lag(fixed))  # what is a fixed point in one section is one that creeps in another
+    fixed = fixed._replace(
+        z=z - lag(fixed)
+    )  # what is a fixed point in one section is one that drifts slowly in another
     slope = slope_of(axis, moved, z, point.value / axis.scale)
     near = Point(axis, fixed, point.value, slope, np.zeros(z.size + 1))
     normal = np.eye(z.size + 1)[-1]

@@ -1,4 +1,4 @@
-"""The slow family: the orbits of all spins, and how a motion creeps along them.
+"""The slow family: the orbits of all spins, and how a motion drifts slowly along them.
 
 A dimer on a circular orbit gains or loses spin, so slowly that all else follows: it goes through the orbits of the family one
 after the other. The family is followed on the slow manifold, not on the fixed points of the fast part, which lie beside it.
@@ -20,7 +20,7 @@ from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, settled_near
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
-from dimersweep.orbits.manifold import Creep, creep_near, creep_of, has_fast_part, slow_direction
+from dimersweep.orbits.manifold import SlowMotion, has_fast_part, slow_direction, slow_motion_near, slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, first_found
@@ -87,7 +87,7 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
         raise OrbitError(f"spin = ({spins[0]:g}, {spins[-1]:g}): no orbit found; {reason}") from None
     tape = first.fixed.map.tape
     start = tape.periods
-    orbits, ends = {begin: on_family(first.fixed.map, first.creep)}, {}
+    orbits, ends = {begin: on_family(first.fixed.map, first.slow_motion)}, {}
     for name, order in (("high_end", range(begin + 1, spins.size)), ("low_end", range(begin - 1, -1, -1))):
         found, ends[name] = walk(orbits[begin], spins[order])
         orbits |= {order[k]: one for k, one in found.items()}
@@ -115,8 +115,8 @@ def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[d
     """The family from an orbit through spins, in their order: over changes of word, and over spins that just have no orbit.
 
     The first one is from `on_family`. With `runs` the walk goes where runs go: on with another family where the spin of a
-    motion creeps over the end of this one, but not along the branch of fixed points. The orbits are told by the number of their
-    spin, and why the family ends before the last spin; "asked for" if it does not.
+    motion slowly drifts over the end of this one, but not along the branch of fixed points. It returns the orbits by the
+    number of their spin, and why the family ends before the last spin; "asked for" if it does not.
     """
     found: dict[int, PeriodicOrbit] = {}
     last, k, missed = [first], 0, 0
@@ -150,8 +150,8 @@ def _next(last: list[PeriodicOrbit], spin: float, leaps: bool) -> PeriodicOrbit:
     for _ in range(TRIES):
         begin = last[0]
         to = spin if share == 1.0 else begin.spin + share * (spin - begin.spin)
-        creeps_there = (to - begin.spin) * begin.spin_drift > 0
-        most = np.inf if leaps and creeps_there else JOINED
+        drifts_there = (to - begin.spin) * begin.spin_drift > 0
+        most = np.inf if leaps and drifts_there else JOINED
         try:
             nxt = first_found([partial(_step, last, to), partial(_run_onto, begin, to, most)])
         except OrbitLost as error:
@@ -183,14 +183,16 @@ def _step(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     if len(same) == THROUGH:
         z = BarycentricInterpolator([one.spin for one in same], [one.fixed.z for one in same])(spin)
     if has_fast_part(near):
-        creep = creep_near(m, z, spin, near.matrix, near.gradient)
+        slow_motion = slow_motion_near(m, z, spin, near.matrix, near.gradient)
     else:
-        creep = creep_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
-    if np.abs(creep.z - z).max() > FAMILY_REACH:
+        slow_motion = slow_motion_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
+    if np.abs(slow_motion.z - z).max() > FAMILY_REACH:
         raise OrbitLost("the next orbit lies aside of the family")
-    orbit = on_family(m, creep)
+    orbit = on_family(m, slow_motion)
     return m.in_own_section(
-        orbit, creep.image.passage, lambda own, z: on_family(own, creep_near(own, z, spin, *own.jacobian(z)))
+        orbit,
+        slow_motion.image.passage,
+        lambda own, z: on_family(own, slow_motion_near(own, z, spin, *own.jacobian(z))),
     )
 
 
@@ -201,9 +203,9 @@ def _run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
     """
     for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
         with suppress(OrbitLost):
-            creep = creep_near(there, z, spin, *there.jacobian(z))
-            if np.delete(np.abs(creep.z - z), there.slow).max() <= FAMILY_REACH:
-                return on_family(there, creep)
+            slow_motion = slow_motion_near(there, z, spin, *there.jacobian(z))
+            if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= FAMILY_REACH:
+                return on_family(there, slow_motion)
     raise OrbitLost("the run comes to no orbit")
 
 
@@ -217,15 +219,15 @@ def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
                 raise OrbitLost(f"fold at spin = {row.value:.6g} rad/s")
         raise OrbitLost(f"{end}, at spin = {rows[-1].value:.6g} rad/s")
     orbit = rows[-1].orbit
-    if orbit.creep.z is orbit.fixed.z and has_fast_part(orbit.fixed):
-        raise OrbitLost(f"no motion creeps by the fixed point, at spin = {spin:.6g} rad/s")
-    return on_family(orbit.fixed.map, orbit.creep)
+    if orbit.slow_motion.z is orbit.fixed.z and has_fast_part(orbit.fixed):
+        raise OrbitLost(f"no motion drifts by the fixed point, at spin = {spin:.6g} rad/s")
+    return on_family(orbit.fixed.map, orbit.slow_motion)
 
 
-def on_family(m: ReturnMap, creep: Creep) -> PeriodicOrbit:
+def on_family(m: ReturnMap, slow_motion: SlowMotion) -> PeriodicOrbit:
     """The orbit of a motion of the family; its `fixed` is where the motion is, with the derivatives there."""
-    matrix, gradient = m.jacobian(creep.z)
-    return orbit_of(Fixed(m, creep.z, creep.image, matrix, gradient, creep.residual), creep)
+    matrix, gradient = m.jacobian(slow_motion.z)
+    return orbit_of(Fixed(m, slow_motion.z, slow_motion.image, matrix, gradient, slow_motion.residual), slow_motion)
 
 
 class Later(NamedTuple):

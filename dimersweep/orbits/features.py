@@ -103,7 +103,7 @@ def features_from(
 
 def features_of_orbit(orbit: PeriodicOrbit, mirrors: Mirrors) -> Features:
     """The features of an orbit, at its spin."""
-    return features_of(orbit.fixed.map, orbit.creep.image.passage, mirrors)
+    return features_of(orbit.fixed.map, orbit.slow_motion.image.passage, mirrors)
 
 
 def apart(a: Features, b: Features, mirrors: Mirrors) -> float:
@@ -135,7 +135,7 @@ class Carried:
     def __init__(self, orbit: PeriodicOrbit, spins: Sequence[float], mirrors: Mirrors) -> None:
         self.orbit, self.mirrors = orbit, mirrors
         here = features_of_orbit(orbit, mirrors)
-        known = [(on_family(orbit.fixed.map, orbit.creep), here)]
+        known = [(on_family(orbit.fixed.map, orbit.slow_motion), here)]
         least, greatest = min(here.spin, *spins), max(here.spin, *spins)
         grid = np.linspace(least - MISSING_OVER * abs(least), greatest + MISSING_OVER * abs(greatest), CARRIED_TO)
         for part in (grid[grid < here.spin][::-1], grid[grid > here.spin]):

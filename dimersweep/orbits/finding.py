@@ -15,7 +15,7 @@ from dimersweep.kernel.model.body import dip_of
 from dimersweep.kernel.model.layout import FREE, N_STATE, PERIOD, PHASE, ROW, ROW_PHI0, SPIN, STICK, State
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.kinds import ball_fold
-from dimersweep.orbits.manifold import creep_of, multipliers_of, slow_direction
+from dimersweep.orbits.manifold import multipliers_of, slow_direction, slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import SPIN_COORDINATE, TURN, OrbitLost, ReturnMap, Tape
@@ -239,10 +239,10 @@ def _found(fixed: Fixed) -> PeriodicOrbit:
     shorter = repeats_after(fixed)
     if shorter < fixed.map.periods:
         raise OrbitLost(f"the motion found repeats after {shorter} already; ask for periods={shorter}")
-    creep = creep_of(fixed)
-    matrix, gradient = fixed.map.jacobian(creep.z)  # a run is multiplied by those of where it is
+    slow_motion = slow_motion_of(fixed)
+    matrix, gradient = fixed.map.jacobian(slow_motion.z)  # a run is multiplied by those of where it is
     seen = fixed._replace(matrix=matrix, gradient=gradient)
-    return replace(orbit_of(seen, creep), fixed=fixed)
+    return replace(orbit_of(seen, slow_motion), fixed=fixed)
 
 
 def centred(fixed: Fixed) -> Fixed:

@@ -11,7 +11,7 @@ from dimersweep.inputs import check_count, number
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.continuation import FOLLOWING, steps
 from dimersweep.orbits.kinds import FLIP, Kind
-from dimersweep.orbits.manifold import creep_of
+from dimersweep.orbits.manifold import slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Tape
@@ -160,5 +160,5 @@ def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:
 
 
 def _row(point: Point, special: Special | None = None) -> BranchRow:
-    orbit = orbit_of(point.fixed, creep_of(point.fixed))
+    orbit = orbit_of(point.fixed, slow_motion_of(point.fixed))
     return BranchRow(orbit, point.value, special.kind, special.jump) if special else BranchRow(orbit, point.value)

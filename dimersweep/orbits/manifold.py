@@ -1,7 +1,7 @@
-"""The slow manifold: where a motion is while its spin creeps along the family.
+"""The slow manifold: where a motion is while its spin drifts slowly along the family.
 
 At a fixed point of the fast part the spin alone does not close. Which point that is depends on the section: in a contact
-that slips, another coordinate takes up what the spin has lost. A motion that creeps lies beside it, and moves along the
+that slips, another coordinate takes up what the spin has lost. A motion that drifts slowly lies beside it, and moves along the
 manifold evenly. So the third difference of its points is the third derivative along the manifold times the cube of the
 spin's change in a period: where it is zero is the same in all sections, to second order in that change (the
 zero-derivative principle of Gear, Kaper, Kevrekidis and Zagaris, doi 10.1137/040608295).
@@ -20,7 +20,7 @@ MANIFOLD_REACH = 0.05  # of the manifold from the fixed point, in units of the s
 WEIGHTS = 8.0  # of the points in a third difference, all together: the rounding of each counts so often
 
 
-class Creep(NamedTuple):
+class SlowMotion(NamedTuple):
     """A motion on the slow manifold."""
 
     z: np.ndarray  # point of the section, shape (n,)
@@ -79,26 +79,26 @@ def has_fast_part(fixed: Fixed) -> bool:
     return bool(fast.size > 0 and np.abs(fast - 1).min() >= APART)
 
 
-def creep_at(fixed: Fixed) -> Creep:
+def slow_motion_at(fixed: Fixed) -> SlowMotion:
     """The fixed point itself, taken for a motion on the manifold; its turn goes with its spin, as where a dimer rolls."""
     image, drift = fixed.image, slow_direction(fixed)[1]
     turn_drift = image.theta * drift / image.spin if image.spin else 0.0
-    return Creep(fixed.z, image, image.theta, drift, turn_drift, fixed.residual)
+    return SlowMotion(fixed.z, image, image.theta, drift, turn_drift, fixed.residual)
 
 
-def creep_of(fixed: Fixed) -> Creep:
+def slow_motion_of(fixed: Fixed) -> SlowMotion:
     """The motion on the manifold at the spin of a fixed point; the fixed point itself without a fast part."""
-    still = creep_at(fixed)
+    still = slow_motion_at(fixed)
     if not has_fast_part(fixed):
         return still
     try:
-        creep = creep_near(fixed.map, fixed.z + lag(fixed), fixed.image.spin, fixed.matrix, fixed.gradient)
+        slow_motion = slow_motion_near(fixed.map, fixed.z + lag(fixed), fixed.image.spin, fixed.matrix, fixed.gradient)
     except OrbitLost:
         return still
-    return creep if np.abs(creep.z - fixed.z).max() <= MANIFOLD_REACH else still
+    return slow_motion if np.abs(slow_motion.z - fixed.z).max() <= MANIFOLD_REACH else still
 
 
-def creep_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gradient: np.ndarray) -> Creep:
+def slow_motion_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gradient: np.ndarray) -> SlowMotion:
     """The motion on the manifold that passes near a point with a spin after its last impact [rad/s]; lost if there is none.
 
     `matrix` and `gradient` are the derivatives of the map and of the spin nearby, shapes (n, n) and (n,).
@@ -123,7 +123,9 @@ def creep_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gra
     root = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, derivative(matrix, gradient))
     before, here, after = root.extra
     turn, next_turn = (one.theta - _turned(one) + _turned(two) for one, two in ((before, here), (here, after)))
-    return Creep(before.point, here, turn, after.spin - here.spin, next_turn - turn, float(np.abs(root.value).max()))
+    return SlowMotion(
+        before.point, here, turn, after.spin - here.spin, next_turn - turn, float(np.abs(root.value).max())
+    )
 
 
 def _turned(image: Image) -> float:

@@ -10,7 +10,7 @@ import xarray as xr
 
 from dimersweep.inputs import check_count
 from dimersweep.kernel.model.layout import State
-from dimersweep.orbits.manifold import Creep, creep_at, multipliers_of
+from dimersweep.orbits.manifold import SlowMotion, multipliers_of, slow_motion_at
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, strike_of
 from dimersweep.orbits.poincare import ReturnMap
@@ -114,7 +114,7 @@ class PeriodicOrbit:
     stable : bool
         Whether all multipliers of the fast part are below 1 in size.
     residual : float
-        How far the motion fails to close, but for the creep along the family, in units of the section.
+        How far the motion fails to close, but for the slow drift along the family, in units of the section.
     word : str
         The sequence of contact states (docs/orbits.md).
     cost : float
@@ -150,7 +150,7 @@ class PeriodicOrbit:
     cost: float
     rtol: float
     fixed: Fixed = field(repr=False)
-    creep: Creep = field(repr=False)
+    slow_motion: SlowMotion = field(repr=False)
     others: "tuple[PeriodicOrbit, ...]" = ()
 
     def __repr__(self) -> str:
@@ -164,7 +164,7 @@ class PeriodicOrbit:
     @cached_property
     def path(self) -> MeanPath:
         """The mean path of the centre of mass."""
-        return path_of(self.fixed.map, self.creep.z)
+        return path_of(self.fixed.map, self.slow_motion.z)
 
     @property
     def path_radius(self) -> float:
@@ -192,7 +192,7 @@ class PeriodicOrbit:
         periods = check_count("periods", periods)
         m, tape = self.fixed.map, self.fixed.map.tape
         phase = (self.parameters["phi0"] - m.phase) % TURN
-        state, _ = m.sampled(self.creep.image.passage, phase)
+        state, _ = m.sampled(self.slow_motion.image.passage, phase)
         # the cyclic coordinates begin anew
         begun = State(*state)._replace(phase=0.0, period=0.0, theta=0.0, x1=0.0, y1=0.0, gamma=0.0)
         row = m.row_at(self.parameters["phi0"])
@@ -203,17 +203,17 @@ class PeriodicOrbit:
         return replace(run, start=start)
 
 
-def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
-    """The orbit of a fixed point, and of the motion that creeps along the family beside it.
+def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrbit:
+    """The orbit of a fixed point, and of the motion that drifts slowly along the family beside it.
 
     Without such a motion all is that of the fixed point. The multipliers are those of the derivatives of `fixed`.
     """
     m = fixed.map
-    if creep is None:
-        creep = creep_at(fixed)
-    parameters, image = m.parameters, creep.image
+    if slow_motion is None:
+        slow_motion = slow_motion_at(fixed)
+    parameters, image = m.parameters, slow_motion.image
     struck = strike_of(image.passage, m.dimer)
-    turn = creep.turn / m.periods
+    turn = slow_motion.turn / m.periods
     rate = turn * parameters["f"] if abs(turn) > CIRCLE else 0.0
     fast, slow = multipliers_of(fixed)
     return PeriodicOrbit(
@@ -225,8 +225,8 @@ def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
         precession_rate=rate,
         impact_phase=(m.phase + struck.pop("phase")) / TURN % 1.0,
         **struck,
-        spin_drift=creep.drift / m.periods + 0.0,
-        precession_rate_drift=creep.turn_drift * parameters["f"] / m.periods**2,
+        spin_drift=slow_motion.drift / m.periods + 0.0,
+        precession_rate_drift=slow_motion.turn_drift * parameters["f"] / m.periods**2,
         multipliers=fast if fast.size else np.zeros(1, dtype=complex),
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),
@@ -235,7 +235,7 @@ def orbit_of(fixed: Fixed, creep: Creep | None = None) -> PeriodicOrbit:
         cost=m.tape.periods,
         rtol=m.rtol,
         fixed=fixed,
-        creep=creep,
+        slow_motion=slow_motion,
     )
 
 

@@ -122,7 +122,7 @@ class ReturnMap:
     rtol: float  # accuracy [1]
     tape: Tape
     # to which the spin is put back at the start of each forcing period [rad/s]: the map of the fast part alone, all of
-    # whose fixed points close; without it the spin creeps
+    # whose fixed points close; without it the spin drifts slowly
     spin: float | None = None
     # phase of the plate at which that is done [rad]: within a period the spin swings by some hundred times its loss, so a
     # border depends in its sixth digit on it, but not on the section

@@ -45,7 +45,7 @@ def comes_to_rest(point: Point) -> bool:
 
 
 def crept(at: Point, mark: Mark) -> float:
-    """The parameter where a mark of the motion that creeps is zero, near a fixed point at which it is.
+    """The parameter where a mark of the motion that drifts slowly is zero, near a fixed point at which it is.
 
     The fixed point is another one in each section, the motion is not (see `manifold`).
     """

@@ -72,7 +72,7 @@ class Lyapunov(NamedTuple):
     --------
     >>> from dimersweep import simulate, stability
     >>> found = stability.lyapunov(simulate(periods=200), periods=100)
-    >>> abs(found.per_period) < 1e-4, found.periods  # a settled drift: only its spin creeps
+    >>> abs(found.per_period) < 1e-4, found.periods  # a settled drift: only its spin drifts slowly
     (True, 100)
     """
 
@@ -146,7 +146,7 @@ def multipliers(run: Run) -> Multipliers:
     >>> found = stability.multipliers(simulate(periods=200))
     >>> found.coordinates
     ('gap_2', 'gap_2_rate', 'turn_rate', 'spin')
-    >>> abs(found.values).round(3)  # the first is that of the spin, which creeps
+    >>> abs(found.values).round(3)  # the first is that of the spin, which drifts slowly
     array([1.   , 0.599, 0.599, 0.307])
     """
     record, state, modes = _end(run, "multipliers")

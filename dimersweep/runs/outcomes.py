@@ -71,7 +71,7 @@ class Orbit(OrbitNumbers):
     radius_drift, period_drift, zeta_drift, speed_drift, precession_rate_drift, impact_phase_drift : float
         Change per forcing period, in the unit of the quantity.
     spin_drift : float
-        The same of `spin`: the creep along the family of orbits that the drift goes through [rad s-1].
+        The same of `spin`: the slow drift along the family of orbits that the drift goes through [rad s-1].
 
     Examples
     --------

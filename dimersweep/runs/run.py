@@ -82,7 +82,7 @@ class Run(RunNumbers):
     settled_after : float
         Forcing periods until the motion had settled; NaN if it has not.
     spin_drift : float
-        Change of the axial spin per forcing period: the creep along the family of orbits that the motion goes through
+        Change of the axial spin per forcing period: the slow drift along the family of orbits that the motion goes through
         [rad s-1]; NaN if it has not settled. Of a drift it is that after the double impact, fitted over the last 20 periods;
         else that at the ends of the periods, over the last 24 or the multiple of the motion's period below.
     longest_hop_1, longest_hop_2 : float

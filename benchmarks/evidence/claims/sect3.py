@@ -125,7 +125,7 @@ def angles_repeat(lab: Lab) -> Finding:
     others = max(share for name, share in shares.items() if name != "gamma_rate")
     value = ", ".join(f"{name} {share:.0e}" for name, share in shares.items())
     reason = (
-        f"the spin is not sustained but creeps along the slow family, by {change['gamma_rate']:+.1e} rad/s a period of "
+        f"the spin is not sustained but drifts slowly along the slow family, by {change['gamma_rate']:+.1e} rad/s a period of "
         f"{last['gamma_rate'].item():.1f} rad/s, while beta and the rate of theta repeat to {others:.0e}"
     )
     return found(value, max(shares.values()) < 0.01, partly=others < 0.01, reason=reason)
