@@ -11,15 +11,14 @@ import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_count, number
-from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, PHASE
-from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
+from dimersweep.kernel.model.layout import D1, D2, N1, N2, PERIOD, PHASE
 from dimersweep.orbits.continuation import halved
-from dimersweep.orbits.finding import RTOL, centred, checked, settled_on
+from dimersweep.orbits.finding import centred, checked, first_map, of_run
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 
@@ -196,11 +195,8 @@ def _strobes(run: Run) -> np.ndarray:
 
 def _orbit_at(run: Run, number: int) -> PeriodicOrbit | None:
     """The orbit that Newton's method comes to from the beginning of a segment of a run, at the end of a period."""
-    segment, tape = run.record("edge").segments[number], Tape()
     with suppress(OrbitLost):
-        modes = segment[SEGMENT_MODES:SEGMENT_HOP_TIME].copy()
-        m = ReturnMap(run.parameters, run.parameters["phi0"], modes, 1, RTOL, tape)
-        m, z = settled_on(m, segment[:N_STATE].copy(), 1)
+        m, z = of_run(run, first_map(run.parameters), number)
         return orbit_of(centred(solve(m, z, m.image(z).spin)))
     return None
 

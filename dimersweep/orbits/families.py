@@ -21,7 +21,7 @@ from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, set
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
 from dimersweep.orbits.manifold import SlowMotion, has_fast_part, slow_direction, slow_motion_near, slow_motion_of
-from dimersweep.orbits.newton import Fixed, solve, system
+from dimersweep.orbits.newton import fixed_at, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, first_found
 from dimersweep.orbits.specials import JOINED
@@ -226,8 +226,7 @@ def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
 
 def on_family(m: ReturnMap, slow_motion: SlowMotion) -> PeriodicOrbit:
     """The orbit of a motion of the family; its `fixed` is where the motion is, with the derivatives there."""
-    matrix, gradient = m.jacobian(slow_motion.z)
-    return orbit_of(Fixed(m, slow_motion.z, slow_motion.image, matrix, gradient, slow_motion.residual), slow_motion)
+    return orbit_of(fixed_at(m, slow_motion.z, slow_motion.image, slow_motion.residual), slow_motion)
 
 
 class Later(NamedTuple):

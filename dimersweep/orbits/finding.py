@@ -45,6 +45,13 @@ def rolled_up(parameters: dict[str, float]) -> float:
     return parameters["xdot0"] / dm.p1.r / (1 + dm.J_a / (dm.m * dm.p1.r**2))
 
 
+def first_map(given: dict[str, float], periods: int = 1, rtol: float = RTOL, tape: Tape | None = None) -> ReturnMap:
+    """The map in the section of the guess."""
+    return ReturnMap(
+        given, SECTION, np.array([STICK, FREE], dtype=float), periods, rtol, Tape() if tape is None else tape
+    )
+
+
 def ball_state(m: ReturnMap, spin: float) -> np.ndarray:
     """Kernel state at `SECTION` if p2 were a ball that bounces once a period, and p1 stayed down."""
     e, Gamma, dm = value_of("e_2", m.parameters), m.parameters["Gamma"], m.dimer
@@ -100,12 +107,15 @@ def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> 
     yield from m.sections(passage)
 
 
-def of_run(run: Run, m: ReturnMap) -> Start:
-    """The map and the point that a recorded run has come to; the parameters of `m` may differ from those of the run."""
+def of_run(run: Run, m: ReturnMap, number: int = -1) -> Start:
+    """The map and the point that a recorded run has come to at its end, or where another segment begins with a period.
+
+    The parameters of `m` may differ from those of the run.
+    """
     record = run.record("guess")
-    last = record.segments[-1]
-    m = replace(m, phase=record.row[ROW_PHI0], modes=last[SEGMENT_MODES:SEGMENT_HOP_TIME].copy())
-    return settled_on(m, last[:N_STATE].copy(), m.periods)
+    segment = record.segments[number]
+    m = replace(m, phase=record.row[ROW_PHI0], modes=segment[SEGMENT_MODES:SEGMENT_HOP_TIME].copy())
+    return settled_on(m, segment[:N_STATE].copy(), m.periods)
 
 
 def find(
@@ -172,7 +182,7 @@ def orbit_at(
     tape: Tape | None = None,
 ) -> PeriodicOrbit:
     """The orbit at a given spin, for parameters that have been checked; see `find`. A `tape` goes on counting periods."""
-    m = ReturnMap(given, SECTION, np.array([STICK, FREE], dtype=float), periods, rtol, Tape() if tape is None else tape)
+    m = first_map(given, periods, rtol, tape)
     tried: list[str] = []
     found: list[PeriodicOrbit] = []
     for name, start in _starts(m, spin, guess):

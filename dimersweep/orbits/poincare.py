@@ -39,9 +39,10 @@ from dimersweep.kernel.sample import sample
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.parameters import bounds, check, fill_rows
 from dimersweep.runs.period_map import NAMES, Section, free_coordinates
+from dimersweep.runs.solving import MAX_ROWS
 
 SPIN_COORDINATE = NAMES.index("spin")
-FIRST_ROWS, ROWS_GROWTH, MOST_ROWS = 400, 4, 2_000_000
+FIRST_ROWS, ROWS_GROWTH = 400, 4  # of the record
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
@@ -88,11 +89,7 @@ class Tape:
         self.space = new_workspace()
         self.periods = 0.0  # forcing periods that have been run
         self.bounds: dict[tuple[object, ...], tuple[float, float]] = {}  # of a parameter beside the others
-        self.grow(FIRST_ROWS)
-
-    def grow(self, rows: int) -> None:
-        """Room for so many events and smooth phases."""
-        self.record = new_record(rows)
+        self.record = new_record(FIRST_ROWS)
 
     def run(
         self, row: np.ndarray, start: np.ndarray, periods: int, rtol: float, path: bool = False
@@ -102,9 +99,9 @@ class Tape:
         while True:
             state, modes = start.copy(), np.zeros(2)
             status = advance(row, state, modes, ask_for(periods, rtol, path=path), self.space, self.record)
-            if status != RECORD_FULL or len(self.record.events) >= MOST_ROWS:
+            if status != RECORD_FULL or len(self.record.events) >= MAX_ROWS:
                 break
-            self.grow(ROWS_GROWTH * len(self.record.events))
+            self.record = new_record(ROWS_GROWTH * len(self.record.events))
         _check(status)
         events, segments = (self.record.counts[which] for which in (EVENT_ROWS, SEGMENT_ROWS))
         passage = Passage(self.record.events[:events].copy(), self.record.segments[:segments].copy())
@@ -233,22 +230,20 @@ class ReturnMap:
         """
         inner = passage.times[np.mod(passage.times, TURN) > 0]
         near = inner.size and min(inner[0], self.periods * TURN - inner[-1]) <= MARGIN * TURN
-        if near or (simplest and self.free.size > len(free_coordinates(best_phase(passage, self.periods)[2]))):
+        if near or (simplest and self.free.size > best_phase(passage, self.periods).free):
             with suppress(OrbitLost):
                 return make(*self.moved(passage))
         return now
 
     def moved(self, passage: Passage) -> tuple["ReturnMap", np.ndarray]:
         """The map with its section halfway through the best smooth phase of the motion, and the motion's point there."""
-        start, length, _ = best_phase(passage, self.periods)
-        return self.moved_to(passage, start + 0.5 * length)
+        return self.moved_to(passage, best_phase(passage, self.periods).middle)
 
     def sections(self, passage: Passage) -> Iterator[tuple["ReturnMap", np.ndarray]]:
         """The map with its section halfway through each smooth phase that is long enough and leaves more free than the spin."""
-        starts, lengths, modes = smooth_phases(passage, self.periods)
-        for k in np.argsort(-lengths):
-            if 0.5 * lengths[k] > MARGIN * TURN and len(free_coordinates(modes[k])) > 1:
-                yield self.moved_to(passage, starts[k] + 0.5 * lengths[k])
+        for phase in sorted(smooth_phases(passage, self.periods), key=lambda phase: -phase.length):
+            if 0.5 * phase.length > MARGIN * TURN and phase.free > 1:
+                yield self.moved_to(passage, phase.middle)
 
     def moved_to(self, passage: Passage, at: float) -> tuple["ReturnMap", np.ndarray]:
         """The map with its section at a phase since the one it has [rad], and the motion's point there."""
@@ -284,25 +279,27 @@ def _check(status: int) -> None:
         raise KernelError(STATUS_MESSAGES[status])
 
 
-def smooth_phases(passage: Passage, periods: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Starts and lengths [rad] of the smooth phases of a motion, and the friction modes in each.
+class SmoothPhase(NamedTuple):
+    """A stretch of a motion without an event."""
 
-    The phase in which the section lies is counted once, in its full length.
-    """
+    middle: float  # since the section [rad]
+    length: float  # [rad]
+    free: int  # number of coordinates that contact leaves free there
+
+
+def smooth_phases(passage: Passage, periods: int) -> list[SmoothPhase]:
+    """The smooth phases of a motion; that in which the section lies is counted once, in its full length."""
     (events,) = np.nonzero(np.mod(passage.times, TURN) > 0)
-    modes = passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2]
-    if not events.size:
-        return np.zeros(1), np.array([TURN * periods]), modes[:1]
-    starts = passage.times[events]
-    return starts, np.diff(np.append(starts, starts[0] + TURN * periods)), modes[events]
+    starts = passage.times[events] if events.size else np.zeros(1)
+    lengths = np.diff(np.append(starts, starts[0] + TURN * periods))
+    modes = passage.segments[events if events.size else [0], SEGMENT_MODES : SEGMENT_MODES + 2]
+    free = [len(free_coordinates(pair)) for pair in modes]
+    return [
+        SmoothPhase(*phase) for phase in zip((starts + 0.5 * lengths).tolist(), lengths.tolist(), free, strict=True)
+    ]
 
 
-def best_phase(passage: Passage, periods: int) -> tuple[float, float, np.ndarray]:
-    """Start and length [rad] of a smooth phase that suits a section, and the friction modes in it.
-
-    Of the phases longer than `LONG` it is one with the fewest free coordinates, of these the longest.
-    """
-    starts, lengths, modes = smooth_phases(passage, periods)
-    count = np.array([len(free_coordinates(pair)) for pair in modes])
-    best = np.lexsort((-lengths, count, lengths < LONG * TURN))[0]
-    return float(starts[best]), float(lengths[best]), modes[best]
+def best_phase(passage: Passage, periods: int) -> SmoothPhase:
+    """A smooth phase that suits a section: of those longer than `LONG` one with the fewest free coordinates, the longest."""
+    phases = smooth_phases(passage, periods)
+    return min(phases, key=lambda phase: (phase.length < LONG * TURN, phase.free, -phase.length))
