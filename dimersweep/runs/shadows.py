@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from dimersweep.cubes.seen_run import SeenRun
@@ -56,6 +57,7 @@ ERROR_SCALES = {
 ERROR_SCALES |= {"gamma": 10.0, "gamma_rate": 100.0}  # the ball turns as many times as fast as the rod is long
 COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "gamma")
 CLOSED_STATE = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
+SORT = ["cause", "kind", "which"]  # of an event
 
 
 def starts_beside(
@@ -95,37 +97,23 @@ def pairs(events: xr.Dataset, others: xr.Dataset, T: float) -> tuple[np.ndarray,
     -------
     rows, other_rows : ndarray, shape (n,), int
     """
-    ours, theirs = _sorts(events), _sorts(others)
-    t, t_other = events["time"].values, others["time"].values
-    found: list[tuple[int, int]] = []
-    for sort in ours.keys() & theirs.keys():
-        mine, yours = ours[sort], theirs[sort]
-        there, back = _nearest(t[mine], t_other[yours]), _nearest(t_other[yours], t[mine])
-        apart = np.abs(t[mine] - t_other[yours][there])
-        close = 2 * apart <= np.minimum(_room(t[mine], T), _room(t_other[yours], T)[there])
-        mutual = close & (back[there] == np.arange(mine.size))
-        found += zip(mine[mutual], yours[there[mutual]], strict=True)
-    rows, other_rows = np.array(sorted(found), int).reshape(-1, 2).T
-    return rows, other_rows
+    ours, theirs = _sorted_out(events, T), _sorted_out(others, T)
+    near = {"on": "time", "by": SORT, "direction": "nearest", "suffixes": ("", "_there")}
+    found = pd.merge_asof(ours.assign(at=ours["time"]), theirs.assign(at=theirs["time"]), **near).dropna()
+    back = pd.merge_asof(theirs, ours, **near)["row_there"]
+    row, there = found["row"].to_numpy(), found["row_there"].to_numpy(int)
+    close = 2 * (found["at"] - found["at_there"]).abs() <= found[["room", "room_there"]].min(axis=1)
+    same = close.to_numpy() & (back.to_numpy()[there] == row)
+    return row[same], there[same]
 
 
-def _sorts(events: xr.Dataset) -> dict[Any, np.ndarray]:
-    """Rows of each sort of event: cause, kind, and which of its sort it is at its time."""
-    table = events[["time", "cause", "kind"]].to_dataframe()
-    which = table.groupby(["time", "cause", "kind"]).cumcount()
-    rows: dict[Any, np.ndarray] = table.groupby(["cause", "kind", which]).indices
-    return rows
-
-
-def _nearest(values: np.ndarray, among: np.ndarray) -> np.ndarray:
-    """Number of the item of the increasing `among` that is nearest to each of `values`."""
-    return np.searchsorted(0.5 * (among[1:] + among[:-1]), values)
-
-
-def _room(values: np.ndarray, most: float) -> np.ndarray:
-    """Distance of each of the increasing `values` to the nearest other one, `most` at most."""
-    steps = np.minimum(np.diff(values, prepend=-np.inf, append=np.inf), most)
-    return np.minimum(steps[:-1], steps[1:])
+def _sorted_out(events: xr.Dataset, T: float) -> pd.DataFrame:
+    """Events with their rows, which of its sort each is at its time, and the way to the next of its sort, `T` at most."""
+    table = events[["time", "cause", "kind"]].to_dataframe().reset_index(drop=True)
+    table["which"] = table.groupby(["time", "cause", "kind"]).cumcount()
+    times = table.groupby(SORT)["time"]
+    table["room"] = pd.concat([times.diff(), -times.diff(-1)], axis=1).min(axis=1).fillna(T).clip(upper=T)
+    return table.assign(row=table.index)
 
 
 def difference(run: SeenRun, other: SeenRun, times: np.ndarray) -> dict[str, np.ndarray]:
