@@ -24,6 +24,12 @@ BASE = {
     "g": 9.81,
 }
 
+
+def _of_ends(name: str, units: str, meaning: str) -> dict[str, Quantity]:
+    """The same quantity of each end, whose number stands in its name and its meaning."""
+    return {name.format(end): Quantity(units, meaning.format(end)) for end in (1, 2)}
+
+
 PARAMETERS = {
     "e": Quantity("1", "energetic coefficient of restitution of both ends"),
     "Gamma": Quantity("1", "vibration intensity A_z omega^2 / g"),
@@ -41,21 +47,15 @@ PARAMETERS = {
     "rho_r": Quantity("kg m-3", "density of the rod"),
     "D_r": Quantity("m", "diameter of the rod"),
     "g": Quantity("m s-2", "gravity"),
-    "e_1": Quantity("1", "energetic coefficient of restitution of end p1"),
-    "e_2": Quantity("1", "energetic coefficient of restitution of end p2"),
-    "r_1": Quantity("m", "radius of ball p1"),
-    "r_2": Quantity("m", "radius of ball p2"),
-    "rho_b_1": Quantity("kg m-3", "density of ball p1"),
-    "rho_b_2": Quantity("kg m-3", "density of ball p2"),
-    "mu_1": Quantity("1", "coefficient of slip friction of end p1"),
-    "mu_2": Quantity("1", "coefficient of slip friction of end p2"),
-    "mu_s_1": Quantity("1", "coefficient of stick friction of end p1"),
-    "mu_s_2": Quantity("1", "coefficient of stick friction of end p2"),
+    **_of_ends("e_{}", "1", "energetic coefficient of restitution of end p{}"),
+    **_of_ends("r_{}", "m", "radius of ball p{}"),
+    **_of_ends("rho_b_{}", "kg m-3", "density of ball p{}"),
+    **_of_ends("mu_{}", "1", "coefficient of slip friction of end p{}"),
+    **_of_ends("mu_s_{}", "1", "coefficient of stick friction of end p{}"),
     "Gamma_2": Quantity("1", "intensity of the plate's second harmonic, A_2 (2 omega)^2 / g"),
     "phi_2": Quantity("rad", "phase of the plate's second harmonic at the start"),
     "mu_h": Quantity("1", "coefficient of stick friction of a lasting contact"),
-    "mu_h_1": Quantity("1", "coefficient of stick friction of a lasting contact of end p1"),
-    "mu_h_2": Quantity("1", "coefficient of stick friction of a lasting contact of end p2"),
+    **_of_ends("mu_h_{}", "1", "coefficient of stick friction of a lasting contact of end p{}"),
     "eta": Quantity("1", "exponent of the contact in impacts, F = k X^eta"),
     "k_ratio": Quantity("1", "stiffness of the contact of p2 over that of p1 in impacts, k_2 / k_1"),
     "tilt": Quantity("rad", "angle of the plate from level"),
@@ -242,8 +242,7 @@ EVENT_QUANTITIES = {
     "gap_1_rate_after": Quantity("m s-1", "rate of the gap of p1 after the event"),
     "gap_2_rate_before": Quantity("m s-1", "rate of the gap of p2 before the event"),
     "gap_2_rate_after": Quantity("m s-1", "rate of the gap of p2 after the event"),
-    "impulse_1": Quantity("N s", "normal impulse of the plate on p1"),
-    "impulse_2": Quantity("N s", "normal impulse of the plate on p2"),
+    **_of_ends("impulse_{}", "N s", "normal impulse of the plate on p{}"),
     "beta": Quantity("rad", "dip angle", -pi / 2, pi / 2),
     "theta": Quantity("rad", "precession angle"),
     "slip_1_a": Quantity("m s-1", "velocity of contact point p1 after the event, along the axis p1-p2"),
@@ -265,10 +264,8 @@ STATE_QUANTITIES = {
     "theta_rate": Quantity("rad s-1", "rate of the precession angle"),
     "beta_rate": Quantity("rad s-1", "rate of the dip angle"),
     "gamma_rate": Quantity("rad s-1", "rate of the spinning angle"),
-    "gap_1": Quantity("m", "gap between p1 and the plate"),
-    "gap_2": Quantity("m", "gap between p2 and the plate"),
-    "gap_1_rate": Quantity("m s-1", "rate of the gap of p1"),
-    "gap_2_rate": Quantity("m s-1", "rate of the gap of p2"),
+    **_of_ends("gap_{}", "m", "gap between p{} and the plate"),
+    **_of_ends("gap_{}_rate", "m s-1", "rate of the gap of p{}"),
     "x": Quantity("m", "x of the centre of mass"),
     "y": Quantity("m", "y of the centre of mass"),
     "z": Quantity("m", "z of the centre of mass"),
@@ -281,27 +278,19 @@ FORMER_NAMES = {"spin": "gamma", "spin_rate": "gamma_rate"}
 FORCES = {
     "kinetic_energy": Quantity("J", "kinetic energy in the room", 0),
     "potential_energy": Quantity("J", "potential energy, zero with the centre of mass at the origin of the room"),
-    "normal_force_1": Quantity("N", "normal force on p1"),
-    "normal_force_2": Quantity("N", "normal force on p2"),
+    **_of_ends("normal_force_{}", "N", "normal force on p{}"),
     "axial_force": Quantity("N", "sum of the forces of friction on both ends along the axis p1-p2"),
-    "axial_force_1": Quantity(
-        "N", "friction on p1 along the axis p1-p2; NaN where only the sum of both ends is determined"
+    **_of_ends(
+        "axial_force_{}", "N", "friction on p{} along the axis p1-p2; NaN where only the sum of both is determined"
     ),
-    "axial_force_2": Quantity(
-        "N", "friction on p2 along the axis p1-p2; NaN where only the sum of both ends is determined"
-    ),
-    "lateral_force_1": Quantity("N", "friction on p1 across the axis p1-p2"),
-    "lateral_force_2": Quantity("N", "friction on p2 across the axis p1-p2"),
+    **_of_ends("lateral_force_{}", "N", "friction on p{} across the axis p1-p2"),
 }
 # the terms of the energy budget, in the order of the kernel's works; what takes energy is below zero
 WORKS = {
-    "plate_1": Quantity("J", "work of the moving plate by its normal force on p1"),
-    "plate_2": Quantity("J", "work of the moving plate by its normal force on p2"),
+    **_of_ends("plate_{}", "J", "work of the moving plate by its normal force on p{}"),
     "plate_along": Quantity("J", "work of the plate's motion along itself, by friction on both ends"),
-    "restitution_1": Quantity("J", "work of the normal force on p1 with its gap rate: what restitution takes"),
-    "restitution_2": Quantity("J", "work of the normal force on p2 with its gap rate: what restitution takes"),
-    "slip_1": Quantity("J", "work of friction with the slip of p1"),
-    "slip_2": Quantity("J", "work of friction with the slip of p2"),
+    **_of_ends("restitution_{}", "J", "work of the normal force on p{} with its gap rate: what restitution takes"),
+    **_of_ends("slip_{}", "J", "work of friction with the slip of p{}"),
     "energy": Quantity("J", "kinetic and potential energy in the room at the end; NaN within an impact"),
     "residual": Quantity("J", "change of that energy less all these works"),
 }

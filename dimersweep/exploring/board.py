@@ -1,5 +1,6 @@
 """The board: a map of a cube, sliders, and the live run behind the point that is clicked, for a browser or a notebook."""
 
+from functools import partial
 from html import escape
 from math import prod
 from typing import Any
@@ -22,16 +23,12 @@ from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of, label, wi
 from dimersweep.plots.tables import run_table, title_as_html
 from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.run import Run
-from dimersweep.symbols import PARAMETERS, is_angle, units_shown
+from dimersweep.symbols import is_angle, units_shown
 
 SHOWN_PERIODS = 60  # in the picture beside the map, if the run of the cube is shorter
 REPLAYED = 6  # forcing periods
 MOST_CELLS = 250_000  # of one map: more would make the page slow
-
-
-def label_of(name: str) -> str:
-    """An axis and its unit, in plain letters; empty for no axis."""
-    return label(name, tex=False) if name in PARAMETERS else name
+label_of = partial(label, tex=False)
 
 
 def shown_as(name: str, values: np.ndarray) -> np.ndarray:
@@ -187,7 +184,7 @@ class Board:
             tooltips[self.bar.title] = "@shown{%.6g}"
         self.bar.visible, self.key.visible = shown != "mode", shown == "mode"
         self.hover.tooltips = list(tooltips.items())
-        self.map.xaxis.axis_label, self.map.yaxis.axis_label = label_of(self.x), label_of(self.y)
+        self.map.xaxis.axis_label, self.map.yaxis.axis_label = label_of(self.x), self.y and label_of(self.y)
         self.source.data = columns
 
     def _shades(self, whole: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -23,12 +23,11 @@ from dimersweep.plots.style import (
     fixed_of,
     framed,
     given,
+    label,
     mark,
     percent,
     spread,
-    with_units,
 )
-from dimersweep.symbols import QUANTITIES, units_shown
 
 MOST_PANELS = 12
 COLORS = np.array([to_rgb(color) for color in MODE_COLORS.values()])
@@ -115,7 +114,7 @@ def _map(cube: xr.Dataset, quantity: str) -> Figure:
             drawn = _mesh(axes, part, part.values, **how)
         else:
             axes.plot(part[part.dims[0]], part, "o-", markersize=3, linewidth=1, color=MODE_COLORS["drift"])
-            axes.set_ylabel(quantity_label(quantity))
+            axes.set_ylabel(label(quantity))
     if quantity == "mode" or values.ndim > 1:
         _explain(figure, values, drawn, " (code)" if "flag_meanings" in cube[quantity].attrs else "")
     return figure
@@ -126,7 +125,7 @@ def _explain(figure: Figure, values: xr.DataArray, drawn: Any, more: str = "") -
     if values.name == "mode":
         figure.legend(handles=mode_handles(values), loc="outside right center", fontsize=9)
     else:
-        figure.colorbar(drawn, ax=figure.axes, label=quantity_label(str(values.name)) + more)
+        figure.colorbar(drawn, ax=figure.axes, label=label(str(values.name)) + more)
 
 
 def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str) -> Figure:
@@ -135,19 +134,13 @@ def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str) -> F
     figure, axes = framed(cube, (7.5, 3.2))
     for way, color in zip(values, ROW_COLORS, strict=False):
         marker = WAY_MARKERS[int(way["direction"])]
-        label = given("direction", way["direction"].item())
-        axes.plot(way[name], way, marker=marker, markersize=4, linewidth=1, color=color, label=label)
+        text = given("direction", way["direction"].item())
+        axes.plot(way[name], way, marker=marker, markersize=4, linewidth=1, color=color, label=text)
     _scale(axes, values.isel(direction=0))
     mark(axes.xaxis, name)
-    axes.set_ylabel(quantity_label(quantity))
+    axes.set_ylabel(label(quantity))
     axes.legend(fontsize=9)
     return figure
-
-
-def quantity_label(quantity: str) -> str:
-    """Name of a quantity and its unit."""
-    text = quantity.replace("_", " ").replace("zeta", r"$\zeta$")
-    return with_units(text, units_shown(QUANTITIES[quantity].units))
 
 
 def point_map(cube: xr.Dataset, quantity: str) -> Figure:

@@ -11,7 +11,6 @@ from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.parameters import dimer_from
 from dimersweep.plots.style import Drawing, entitle
 
-_GREEK = {"beta": r"\beta", "theta": r"\theta", "gamma": r"\gamma"}
 ANGLES = {  # labels of the angles in phase portraits
     "beta": r"$\beta$ [rad]",
     "theta": r"$\theta - \theta_0$ [rad]",
@@ -141,7 +140,7 @@ def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *,
         axes.annotate("", (values[k + 9], rates[k + 9]), (values[k], rates[k]), arrowprops=tip)
     for k in np.flatnonzero(double):
         _impact_marks(axes, impact_rates(run, states["time"].values[k]), f"{angle}_rate", values[k], color)
-    axes.set(xlabel=ANGLES[angle], ylabel=f"$\\dot{{{_GREEK[angle]}}}$ [rad/s]")
+    axes.set(xlabel=ANGLES[angle], ylabel=f"$\\dot{{\\{angle}}}$ [rad/s]")
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.ticklabel_format(axis="x", scilimits=(-2, 4), useMathText=True)
     axes.ticklabel_format(axis="y", useOffset=False)
@@ -154,13 +153,13 @@ def strobes(axes: Axes, run: SeenRun, angle: str) -> None:
     """
     section = run.section()
     rates = section[f"{angle}_rate"].values
-    letter, cycles = _GREEK[angle], section["n"].values
+    letter, cycles = rf"\dot{{\{angle}}}", section["n"].values
     if angle == "beta":
         x, y = section["beta"].values, rates
-        axes.set(xlabel=ANGLES[angle], ylabel=f"$\\dot{{{letter}}}$ [rad/s]")
+        axes.set(xlabel=ANGLES[angle], ylabel=f"${letter}$ [rad/s]")
     else:
         x, y, cycles = rates[:-1], rates[1:], cycles[1:]
-        axes.set(xlabel=f"$\\dot{{{letter}}}_n$ [rad/s]", ylabel=f"$\\dot{{{letter}}}_{{n+1}}$ [rad/s]")
+        axes.set(xlabel=f"${letter}_n$ [rad/s]", ylabel=f"${letter}_{{n+1}}$ [rad/s]")
     later = cycles >= cycles[-1] // 2  # transients are left out
     axes.plot(x[later], y[later], ".", color="#d55e00", markersize=3)
     axes.xaxis.set_major_locator(MaxNLocator(5))

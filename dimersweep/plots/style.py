@@ -20,7 +20,7 @@ from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.parameters import reduced
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
-from dimersweep.symbols import PARAMETERS, conditions, is_angle, symbol, units_of
+from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, is_angle, symbol, units_of, units_shown
 
 # after Okabe and Ito: distinct to color-blind readers too
 MODE_COLORS = {
@@ -77,8 +77,11 @@ def with_units(text: str, units: str) -> str:
 
 
 def label(name: str, *, tex: bool = True) -> str:
-    """Axis label of a parameter: its symbol, and the unit that it is shown in."""
-    return with_units(symbol(name, tex=tex), units_of(name))
+    """Axis label of a parameter, its symbol, or of a quantity, its name; and the unit that it is shown in."""
+    if name in PARAMETERS:
+        return with_units(symbol(name, tex=tex), units_of(name))
+    text = name.replace("_", " ")
+    return with_units(text.replace("zeta", r"$\zeta$") if tex else text, units_shown(QUANTITIES[name].units))
 
 
 class _InDegrees:

@@ -6,10 +6,10 @@ from html import escape
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import names
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.kernel.model.layout import DOWN_WORDS, MODES
 from dimersweep.plots.style import MODE_COLORS, fixed_of, percent
+from dimersweep.storage.cubefiles import modes_in
 from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, symbol, units_shown, value_shown
 
 SHOWN_OF_ORBIT = ("radius", "path_radius", "period", "zeta", "speed", "impact_phase")
@@ -20,7 +20,7 @@ def run_table(run: SeenRun) -> str:
     rows = [
         ("parameters", run.conditions(always=()) or "the base case"),
         ("periods", f"{run.n_periods} of {1 / run.parameters['f']:.4g} s"),
-        ("events", f"{run.n_events}" + ("" if run._record else " (not recorded)")),
+        ("events", f"{run.n_events}" + (f" ({run.record_cut})" if run.record_cut else "")),
     ]
     if run.status != "ok":
         rows.append(("status", f"{run.status}: {run.message}"))
@@ -45,9 +45,7 @@ def cube_table(cube: xr.Dataset) -> str:
             axis, span = symbol(axis), f" from {first} to {last}"
         rows.append((f"axis {axis}", f"{n} values{span}"))
     rows.append(("fixed", conditions(*fixed_of(cube), PARAMETERS)))
-    words, counts = np.unique(names(mode).values, return_counts=True)
-    for k in np.argsort(-counts, kind="stable"):
-        rows.append((str(words[k]), f"{counts[k]} ({percent(counts[k] / mode.size)})" + _speeds(cube, str(words[k]))))
+    rows += [(word, f"{n} ({percent(n / mode.size)})" + _speeds(cube, word)) for word, n in modes_in(cube).items()]
     return _table(title_as_html(cube), rows)
 
 

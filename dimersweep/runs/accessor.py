@@ -12,11 +12,12 @@ from dimersweep.cubes.findings import nearest
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version
-from dimersweep.kernel.model.layout import M_DRIFT, MODES
+from dimersweep.kernel.model.layout import M_DRIFT
 from dimersweep.runs.behind import AS_MADE, behind
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.run import Run
 from dimersweep.runs.solving import exactly
+from dimersweep.storage.cubefiles import modes_in
 from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:
@@ -68,14 +69,10 @@ class CubeAccessor:
 
     def __repr__(self) -> str:
         mode = self._cube["mode"]
+        check_codes(mode)
         axes = ", ".join(f"{name} ({n})" for name, n in mode.sizes.items()) or "one point"
-        return f"<cube of dimersweep over {axes}: {self._tally()}>"
-
-    def _tally(self) -> str:
-        check_codes(self._cube["mode"])
-        counts = np.bincount(self._cube["mode"].values.ravel(), minlength=len(MODES))
-        order = np.argsort(-counts, kind="stable")
-        return ", ".join(f"{MODES[code]} {counts[code]}" for code in order if counts[code]) or "no points"
+        tally = ", ".join(f"{word} {count}" for word, count in modes_in(self._cube).items())
+        return f"<cube of dimersweep over {axes}: {tally or 'no points'}>"
 
     def _repr_html_(self) -> str:
         from dimersweep.plots.tables import cube_table

@@ -30,13 +30,13 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
     """The energy budget of a run, which is made once more for its works; see `Run.energy`."""
     if by not in get_args(By):
         raise ParameterError(f"by = {by!r}: must be one of {', '.join(get_args(By))}")
-    (record, book), parameters = with_works(record, space), record.parameters
+    record, book = with_works(record, space)
     dm, segments, events = dimer_of(record.row), record.segments, record.events
-    n, f, phi0 = len(segments), parameters["f"], parameters["phi0"]
+    n, f = len(segments), record.parameters["f"]
     ends, smooth, flows = book.ends[: n - 1], book.smooth[: n - 1], book.flows[: n - 1]
     struck = np.where((book.leads > 0) & (book.leads < n), book.struck.T, 0.0).T[: len(events)]
-    parts_at_starts = np.array(energies(dm, segments[:, :N_STATE], phi0))
-    at_starts, at_ends = parts_at_starts.sum(0), np.sum(energies(dm, ends, phi0), 0)
+    parts_at_starts = np.array(energies(dm, segments[:, :N_STATE]))
+    at_starts, at_ends = parts_at_starts.sum(0), np.sum(energies(dm, ends), 0)
 
     rows = np.flatnonzero(struck.any(1))
     jumps = book.leads[rows]

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from math import nan, pi
+from math import pi
 from typing import NamedTuple
 from zlib import crc32
 
@@ -189,10 +189,10 @@ def _places(times: np.ndarray, record: RunRecord) -> tuple[np.ndarray, np.ndarra
     return last, segments[last, PHASE] + 2 * pi * f * (times - starts[last])
 
 
-def _states(record: RunRecord, times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray) -> xr.Dataset:
+def _states(row: np.ndarray, times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray) -> xr.Dataset:
     """The kernel's closed state in the coordinates of the paper."""
-    s = State(*kernel_states.T)
-    dm, phase = dimer_of(record.row), s.phase + record.parameters["phi0"]
+    s, dm = State(*kernel_states.T), dimer_of(row)
+    phase = s.phase + dm.phi0
     plate, plate_rate, _ = motion(dm, phase)
     beta = dm.beta_0 + s.dip
     sin_b, cos_b, sin_t, cos_t = np.sin(beta), np.cos(beta), np.sin(s.theta), np.cos(s.theta)
@@ -236,8 +236,7 @@ def _states(record: RunRecord, times: np.ndarray, kernel_states: np.ndarray, mod
 
 def named_state(row: np.ndarray, start: np.ndarray) -> dict[str, float]:
     """A kernel state to start from, shape (1, N_START), by the names that `simulate` takes as a start."""
-    record = RunRecord(row, nan, np.empty((0, 0)), np.empty((0, 0)))
-    states = _states(record, np.zeros(1), start[:, :N_STATE], start[:, N_STATE:])
+    states = _states(row, np.zeros(1), start[:, :N_STATE], start[:, N_STATE:])
     return {name: float(states[name].item()) for name in STARTED}
 
 
@@ -262,19 +261,19 @@ def states_of(record: RunRecord, times: np.ndarray) -> xr.Dataset:
     if status != OK:
         time = times[np.isnan(kernel_states[:, PHASE])][0]
         raise ParameterError(f"t = {time:.10g}: there is no state ({STATUS_MESSAGES[status]})")
-    kinetic, potential = energies(dimer_of(record.row), kernel_states, record.parameters["phi0"])
+    kinetic, potential = energies(dimer_of(record.row), kernel_states)
     columns = forces(record.row, kernel_states, modes, record.rtol)
     columns |= {"kinetic_energy": kinetic, "potential_energy": potential}
-    return _states(record, times, kernel_states, modes).assign(_dataset(columns, FORCES, "time").variables)
+    return _states(record.row, times, kernel_states, modes).assign(_dataset(columns, FORCES, "time").variables)
 
 
-def energies(dm: Dimer, states: np.ndarray, phi0: float) -> tuple[np.ndarray, np.ndarray]:
+def energies(dm: Dimer, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Kinetic and potential energy in the room of kernel states, shape (n, N_STATE) [J].
 
     The potential energy is zero with the centre of mass at the origin of the room: the plate's mean place.
     """
     s = State(*states.T)
-    phase = s.phase + phi0
+    phase = s.phase + dm.phi0
     height, rise, _ = motion(dm, phase)
     beta, sin_t, cos_t = dm.beta_0 + s.dip, np.sin(s.theta), np.cos(s.theta)
     away_x, away_y, v_x, v_y = motion_along(dm, phase)
@@ -352,12 +351,3 @@ def period_rows(segments: np.ndarray) -> np.ndarray:
     """Numbers of the rows of `segments` that forcing periods start with, and of the row that ends the last one."""
     rows = np.flatnonzero(segments[:, PHASE] == 0.0)
     return rows[np.unique(segments[rows, PERIOD], return_index=True)[1]]
-
-
-def states_of_segments(record: RunRecord, periods: np.ndarray) -> xr.Dataset:
-    """The states at the ends of forcing periods, which the record holds, shape (n,): numbers of completed periods."""
-    segments = record.segments
-    rows = period_rows(segments)
-    rows = rows[np.isin(segments[rows, PERIOD], periods)]
-    times = segments[rows, PERIOD] / record.parameters["f"]
-    return _states(record, times, segments[rows, :N_STATE], segments[rows, SEGMENT_MODES : SEGMENT_MODES + 2])

@@ -126,8 +126,7 @@ class Run(RunNumbers):
         circle = f"radius {self.orbit.radius:.4g} m" if self.orbit and not isnan(self.orbit.radius) else "straight"
         orbit = f", {circle}, zeta {self.orbit.zeta:.4g} rad" if self.orbit else ""
         rest = f", both ends down at {self.end_speed:.3g} m/s" if self.mode in DOWN_WORDS else ""
-        kept = "" if self._record else ", not recorded"
-        kept += ", record cut" if self.record_cut else ""
+        kept = f", {'record cut' if self._record else self.record_cut}" if self.record_cut else ""
         return f"<Run: {self.status}, {self.mode}{orbit}{rest}, {self.n_periods} periods, {self.n_events} events{kept}>"
 
     def _repr_html_(self) -> str:
@@ -196,7 +195,7 @@ class Run(RunNumbers):
 
     @property
     def record_cut(self) -> str:
-        """Where the record ends before the run does, in words; "" if it does not.
+        """What the record lacks of the run, in words: all of it, or what is beyond its end; "" if nothing.
 
         Examples
         --------
@@ -204,7 +203,9 @@ class Run(RunNumbers):
         >>> simulate(periods=60).record_cut
         ''
         """
-        if self._record is None or not self._record.cut:
+        if self._record is None:
+            return "not recorded"
+        if not self._record.cut:
             return ""
         periods = int(self._record.segments[-1, PERIOD])
         return f"events and states end after {periods} of {self.n_periods} forcing periods"
@@ -588,7 +589,7 @@ def proven_run(call: Callable[[Workspace], Run], seconds: float | None = None) -
     if not is_proven():
         stoppable(lambda _: prove())  # to compile is no part of the run's time
     run = stoppable(call, seconds)
-    if run.record_cut:
+    if run._record and run.record_cut:
         warnings.warn(f"record: is full; {run.record_cut}", RuntimeWarning, stacklevel=3)
     return run
 

@@ -13,7 +13,7 @@ from dimersweep.inputs import check_count
 from dimersweep.kernel.batch import N_START, Workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_N_PERIODS, CODE_STATUS, M_DRIFT, OK, ROW
 from dimersweep.parameters import Parameters
-from dimersweep.runs.recorded import states_of_segments
+from dimersweep.runs.recorded import states_of
 from dimersweep.runs.run import simulate_checked
 from dimersweep.runs.shadows import certified
 from dimersweep.runs.solving import MAX_RECORDED, RunSettings, exactly, run_all_patiently, run_row
@@ -123,7 +123,8 @@ class Strobes(Observer):
             more = run_row(row, end.start, exactly(done + self.n, rtol), space, record=True, past=end.past)
             if more.record is None or more.codes[CODE_STATUS] != OK:
                 continue
-            states = states_of_segments(more.record, np.arange(done + 1, done + self.n + 1))
+            periods = np.arange(done + 1, done + self.n + 1)
+            states = states_of(more.record, periods / more.record.parameters["f"])
             for name in STROBED:
                 result[f"strobe_{name}"] = states[name]
 
