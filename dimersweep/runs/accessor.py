@@ -141,7 +141,7 @@ class CubeAccessor:
         made = behind(point)
         same = is_of_this_kernel(made.kernel, "the run may differ from what it says of the point")
         how = made.how if periods is None else exactly(check_count("periods", periods), made.how.rtol)
-        before = () if made.line is None else made.line.before()
+        before = () if made.line is None else made.line.rows_at(np.arange(made.place))
         run = run_in_line(
             made.parameters, how, record=check_switch("record", record), before=before, how_before=made.how
         )

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import line_number, made_number, settings_in
-from dimersweep.cubes.grid import DIRECTIONS
+from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import reduced, value_of
@@ -16,30 +16,6 @@ from dimersweep.symbols import PARAMETERS, SETTINGS
 
 AS_MADE = "take the point from the cube as it was made"
 LOST_HERE = f"the point has lost it (where it was dropped, renamed, or put together with others); {AS_MADE}"
-
-
-class Line(NamedTuple):
-    """The line of runs along which a state was carried.
-
-    Attributes
-    ----------
-    axis : str
-    values : list of float
-        Of the axis, in the order of the runs.
-    place : int
-        Of the point among them.
-    fixed : dict of str to float
-        The parameters that hold all along it, those alone that were given.
-    """
-
-    axis: str
-    values: list[float]
-    place: int
-    fixed: dict[str, float]
-
-    def before(self) -> list[dict[str, float]]:
-        """Parameters of the runs before that of the point."""
-        return [self.fixed | {self.axis: value} for value in self.values[: self.place]]
 
 
 class Behind(NamedTuple):
@@ -52,14 +28,17 @@ class Behind(NamedTuple):
     how : RunSettings
     kernel : float
         See `kernel_number`.
-    line : Line or None
-        Where a state was carried to it.
+    line : Grid or None
+        Where a state was carried to it: that line, in the order of its runs.
+    place : int
+        Of the point on it.
     """
 
     parameters: dict[str, float]
     how: RunSettings
     kernel: float
-    line: Line | None
+    line: Grid | None
+    place: int
 
 
 def behind(point: xr.Dataset) -> Behind:
@@ -74,8 +53,8 @@ def behind(point: xr.Dataset) -> Behind:
     how = RunSettings(
         int(told["periods"]), int(told["max_periods"]), told["rtol"], stop_when_settled=bool(told["stop_when_settled"])
     )
-    line = _line_of(point, parameters, told["line"]) if "line" in told else None
-    return Behind(reduced(parameters), how, told["kernel"], line)
+    line, place = _line_of(point, parameters, told["line"]) if "line" in told else (None, 0)
+    return Behind(reduced(parameters), how, told["kernel"], line, place)
 
 
 def parameters_of(point: xr.Dataset) -> dict[str, float]:
@@ -152,8 +131,8 @@ def _settings_of(point: xr.Dataset) -> dict[str, float]:
     return {name: _value(point, name) for name in SETTINGS if name in point.variables}
 
 
-def _line_of(point: xr.Dataset, parameters: dict[str, float], number: float) -> Line:
-    """The line along which a state was carried to a point."""
+def _line_of(point: xr.Dataset, parameters: dict[str, float], number: float) -> tuple[Grid, int]:
+    """The line along which a state was carried to a point, and its place there."""
     if "direction" not in point.variables:
         raise ParameterError(f"direction: {LOST_HERE}")
     known = _configuration(point)
@@ -168,4 +147,4 @@ def _line_of(point: xr.Dataset, parameters: dict[str, float], number: float) -> 
         raise ParameterError(
             f"{axis} = {parameters[axis]}: is not on the line along which a state was carried; {AS_MADE}"
         )
-    return Line(axis, along, along.index(parameters[axis]), fixed)
+    return Grid({axis: np.array(along)}, fixed), along.index(parameters[axis])

@@ -1,6 +1,6 @@
 """Runs in a line that carry their state on: each starts from the state that the one before it has ended in."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -78,7 +78,7 @@ def run_in_line(
     how: RunSettings,
     *,
     record: bool = True,
-    before: Iterable[Mapping[str, float]] = (),
+    before: Sequence[np.ndarray] | np.ndarray = (),
     how_before: RunSettings | None = None,
 ) -> Run:
     """The run of a point of a sweep, bit for bit; it may carry on the state of the runs `before` it on a line.
@@ -88,7 +88,7 @@ def run_in_line(
     parameters : mapping
     how : RunSettings
     record : bool
-    before : iterable of mapping
+    before : sequence of ndarray, shape (N_ROW,)
         Parameters of those, in their order; if there are none, it starts as its own say.
     how_before : RunSettings, optional
         Of those, where it is another one.
@@ -97,16 +97,15 @@ def run_in_line(
     -------
     Run
     """
-    rows = [Parameters(**each).row() for each in before]
     given = Parameters(**parameters)
     row = given.row()
 
     def call(space: Workspace) -> Run:
         start = None
-        for link in carried(rows, how_before or how, space):
+        for link in carried(before, how_before or how, space):
             start = link.end
         if start is not None:
-            start = fitted(start, rows[-1], row)
+            start = fitted(start, before[-1], row)
         solved = run_row(row, start, how, space, record=record)
         return as_run(given.given(), how.rtol, solved, None if start is None else named_state(row, start))
 

@@ -127,8 +127,7 @@ def _line_through(point: xr.Dataset) -> Study:
     made = behind(point)
     is_of_this_kernel(made.kernel, "the ends may lie elsewhere than its modes say")
     assert made.line is not None  # the cube has directions
-    axes = {"direction": np.array([UP, DOWN]), made.line.axis: np.array(made.line.values)}
-    return Study(grid=Grid(axes, made.line.fixed), how=made.how)
+    return Study(grid=Grid({"direction": np.array([UP, DOWN])} | made.line.axes, made.line.fixed), how=made.how)
 
 
 def _located(
