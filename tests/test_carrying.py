@@ -149,8 +149,8 @@ def test_a_run_that_fails_hands_on_what_it_was_given(monkeypatch):
 
     monkeypatch.setattr(solving, "run_recorded", sometimes)
     rows = [Parameters(Gamma=value).row() for value in (0.9, 0.91, 0.92)]
-    links = list(carrying.carried(rows, RunSettings(60, 60, 1e-8), new_workspace()))
-    assert [int(link.solved.codes[CODE_STATUS]) for link in links] == [OK, JAMMED, OK]
+    runs = list(carrying.carried(rows, RunSettings(60, 60, 1e-8), new_workspace()))
+    assert [int(each.codes[CODE_STATUS]) for each in runs] == [OK, JAMMED, OK]
     assert starts[0] is None
     np.testing.assert_array_equal(starts[2], starts[1])
 
@@ -332,11 +332,11 @@ def test_a_retry_makes_whole_lines_again(both, asked, monkeypatch):
     whole, failed = carrying.carried, []
 
     def fails(rows, *how):
-        for k, link in enumerate(whole(rows, *how)):
+        for k, solved in enumerate(whole(rows, *how)):
             if k == 4 and not failed:
                 failed.append(k)
-                link.solved.codes[:2] = JAMMED, 1
-            yield link
+                solved.codes[:2] = JAMMED, 1
+            yield solved
 
     monkeypatch.setattr(carrying, "carried", fails)
     cube = sweep(GRID, carry="both", out="cube.nc", workers=1, **QUIET)

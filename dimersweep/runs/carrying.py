@@ -1,36 +1,15 @@
 """Runs in a line that carry their state on: each starts from the state that the one before it has ended in."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from dimersweep.kernel.batch import Workspace, is_stopped
-from dimersweep.kernel.model.layout import CODE_STATUS, GAMMA, OK, PERIOD, X1, Y1
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import Run, as_run, proven_run
 from dimersweep.runs.solving import RunSettings, Solved, run_row
 from dimersweep.runs.starting import fitted
-
-CYCLIC = (X1, Y1, GAMMA, PERIOD)  # slots of a state that no later state depends on
-
-
-class Link(NamedTuple):
-    """One run of a line.
-
-    Attributes
-    ----------
-    solved : Solved
-    start : ndarray, shape (1, N_START), or None
-        State and friction modes that it started from; None for the start of its parameters.
-    end : ndarray, shape (1, N_START), or None
-        Those that the next one starts from: where it has ended, or what it started from if it did not reach its end.
-    """
-
-    solved: Solved
-    start: np.ndarray | None
-    end: np.ndarray | None
 
 
 def carried(
@@ -39,7 +18,7 @@ def carried(
     space: Workspace,
     start: np.ndarray | None = None,
     before: np.ndarray | None = None,
-) -> Iterator[Link]:
+) -> Iterator[Solved]:
     """Make runs one after the other; the first starts as its parameters say, or from `start`.
 
     The state is that relative to the plate at the end of the last forcing period, so that it goes on without a jump in its
@@ -51,26 +30,23 @@ def carried(
         Parameters of each run, in the order in which they are made.
     how : RunSettings
     space : Workspace
-        Scratch arrays, which the caller may use between two links; if they are stopped, no more links come.
+        Scratch arrays, which the caller may use between two runs; if they are stopped, no more runs come.
     start : ndarray, shape (1, N_START), optional
     before : ndarray, shape (N_ROW,), optional
         Parameters that `start` comes from.
 
     Yields
     ------
-    Link
+    Solved
     """
     for row in rows:
         if start is not None and before is not None:
             start = fitted(start, before, row)
-        solved, end = run_row(row, start, how, space), start
+        solved = run_row(row, start, how, space)
         if is_stopped(space):
             return
-        if solved.codes[CODE_STATUS] == OK:
-            end = solved.end.start.copy()
-            end[0, CYCLIC] = 0.0
-        yield Link(solved, start, end)
-        before, start = row, end
+        yield solved
+        before, start = row, solved.onward
 
 
 def run_in_line(
@@ -102,8 +78,8 @@ def run_in_line(
 
     def call(space: Workspace) -> Run:
         start = None
-        for link in carried(before, how_before or how, space):
-            start = link.end
+        for made in carried(before, how_before or how, space):
+            start = made.onward
         if start is not None:
             start = fitted(start, before[-1], row)
         solved = run_row(row, start, how, space, record=record)

@@ -17,11 +17,16 @@ from dimersweep.kernel.model.layout import (
     CODE_MODE,
     CODE_N_EVENTS,
     CODE_N_PERIODS,
+    CODE_STATUS,
+    GAMMA,
     M_APERIODIC,
     M_FAILED,
     M_UNRESOLVED,
     N_STATE,
+    OK,
     PERIOD,
+    X1,
+    Y1,
 )
 from dimersweep.kernel.record import Record, new_record, no_record, rows_of, was_full
 from dimersweep.kernel.verdict.past import PAST_SHAPE
@@ -31,6 +36,7 @@ SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  #
 RECORD_ROWS, ROWS_PER_PERIOD, RECORD_GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
 MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
 MAX_RECORDED = 100_000  # forcing periods: those of a drift fit
+CYCLIC = (X1, Y1, GAMMA, PERIOD)  # slots of a state that no later state depends on
 IN_PYTHON = "a run whose events and states are recorded; give record=False for one without them"
 
 
@@ -112,6 +118,8 @@ class Solved(NamedTuple):
     end : RunEnd
     cost : int
         Forcing periods that were run.
+    start : ndarray, shape (1, N_START), or None
+        State and friction modes that it started from; None for the start of its parameters.
     """
 
     out: np.ndarray
@@ -119,6 +127,16 @@ class Solved(NamedTuple):
     record: RunRecord | None
     end: RunEnd
     cost: int
+    start: np.ndarray | None
+
+    @property
+    def onward(self) -> np.ndarray | None:
+        """The start of the run that its state is carried to: where it has ended, or its own if it did not reach its end."""
+        if self.codes[CODE_STATUS] != OK:
+            return self.start
+        end = self.end.start.copy()
+        end[0, CYCLIC] = 0.0
+        return end
 
 
 def run_row(
@@ -180,7 +198,7 @@ def run_row(
     end = RunEnd(
         np.concatenate([space.state, space.modes])[None], space.past.view(np.float64).reshape(PAST_SHAPE).copy()
     )
-    return Solved(out[0], codes[0], kept, end, cost)
+    return Solved(out[0], codes[0], kept, end, cost, start)
 
 
 def go_on(

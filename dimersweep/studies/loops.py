@@ -19,7 +19,8 @@ from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD
 from dimersweep.parameters import fill_rows
 from dimersweep.runs.accessor import is_of_this_kernel
 from dimersweep.runs.behind import behind
-from dimersweep.runs.carrying import Link, carried
+from dimersweep.runs.carrying import carried
+from dimersweep.runs.solving import Solved
 from dimersweep.studies.deciding import OPEN
 from dimersweep.studies.study import Study
 from dimersweep.symbols import PARAMETERS, Quantity
@@ -157,14 +158,14 @@ class CarriedLine:
         self.values = spec.grid.axes[self.axis]
         rows = spec.grid.rows_at(np.arange(self.values.size))
         up, down = (list(carried(each, spec.how, space)) for each in (rows, rows[::-1]))
-        self.ends = {UP: [link.end for link in up], DOWN: [link.end for link in down[::-1]]}
-        self.cost = sum(link.solved.cost for link in (*up, *down))
+        self.ends = {UP: [solved.onward for solved in up], DOWN: [solved.onward for solved in down[::-1]]}
+        self.cost = sum(solved.cost for solved in (*up, *down))
 
     def _row(self, value: float) -> np.ndarray:
         row: np.ndarray = fill_rows(self.spec.grid.fixed | {self.axis: value}, 1)[0]
         return row
 
-    def _carry(self, start: np.ndarray | None, before: float, to: float) -> Link | None:
+    def _carry(self, start: np.ndarray | None, before: float, to: float) -> Solved | None:
         """Carry a state from one value to another; near an end motions settle slowly, and may take longer than on the line.
 
         None if it was stopped.
@@ -184,22 +185,22 @@ class CarriedLine:
             rising, falling = self._carry(up, below, middle), self._carry(down, above, middle)
             if middle in (below, above) or rising is None or falling is None:
                 break
-            self.cost += rising.solved.cost + falling.solved.cost
+            self.cost += rising.cost + falling.cost
             one, two = _motion(rising), _motion(falling)
             if one[0] in OPEN or two[0] in OPEN:
                 break
             if one != two:
                 modes = one[0], two[0]
             if (one != two) == bool(inside):
-                above, down = middle, falling.end
+                above, down = middle, falling.onward
             else:
-                below, up = middle, rising.end
+                below, up = middle, rising.onward
         return LoopEnd(below, above, modes)
 
 
-def _motion(link: Link) -> tuple[int, int]:
+def _motion(solved: Solved) -> tuple[int, int]:
     """Its mode, and the forcing periods after which it repeats."""
-    return int(link.solved.codes[CODE_MODE]), int(link.solved.codes[CODE_MODE_PERIOD])
+    return int(solved.codes[CODE_MODE]), int(solved.codes[CODE_MODE_PERIOD])
 
 
 def _table(

@@ -163,10 +163,10 @@ class Study:
 
     def _carried(self, rows: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
         """Run the points of one line, each from the state in which the one before it has ended."""
-        for k, link in enumerate(carried(rows, self.how, space)):
+        for k, solved in enumerate(carried(rows, self.how, space)):
             here = slice(k, k + 1)
-            results["out"][here], results["codes"][here] = link.solved.out, link.solved.codes
-            yield Ran(rows[here], self.how, results[here], link.start, link.end)
+            results["out"][here], results["codes"][here] = solved.out, solved.codes
+            yield Ran(rows[here], self.how, results[here], solved.start, solved.onward)
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """What is to be run, one batch after the other; the study of the last one labels all results.
