@@ -34,7 +34,7 @@ from dimersweep.studies.declared import from_cube
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep import study_of
 from dimersweep.work import proving
-from dimersweep.work.progress import Lines, Tally
+from dimersweep.work.progress import Tally, in_lines
 from dimersweep.work.proving import proof
 from dimersweep.work.scheduling import TASK_POINTS, Pace
 from tests.fakes import failing, fake_run_many, raising, run_tile
@@ -364,7 +364,7 @@ def test_a_task_counts_all_its_points_with_its_time(fake_kernel, monkeypatch, tm
 
 
 def test_a_log_gets_plain_lines(capsys, monkeypatch):
-    lines = Lines(4)
+    lines = Tally(4, show=in_lines())
     lines.add({"drift": 2, "rest": 1})  # too early for a line
     lines.add({"unresolved": 1})
     assert (

@@ -67,6 +67,10 @@ class RunSettings(NamedTuple):
             periods = min(2 * periods, self.max_periods)
             yield periods
 
+    def cost(self, n_periods: int) -> int:
+        """Forcing periods of all runs of a point whose last one has taken so many: it went on where those before ended."""
+        return n_periods + sum(length for length in self.lengths() if length < n_periods)
+
 
 def exactly(periods: int, rtol: float) -> RunSettings:
     """Settings of runs of so many forcing periods, whether or not their motions settle."""

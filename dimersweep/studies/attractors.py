@@ -26,7 +26,7 @@ from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.studies.making import in_memory
-from dimersweep.studies.observers import Ends
+from dimersweep.studies.observers import EndStates
 from dimersweep.studies.study import Study
 from dimersweep.studies.telling_apart import Attractor, Classifier, distance, matched
 from dimersweep.symbols import PARAMETERS, START
@@ -157,7 +157,7 @@ def attractors(
         table[name] = np.repeat(values, n)
     drawn = make_points(table, fixed)
     _check_one_plate(drawn.fixed, table)
-    study = Study(grid=drawn, how=how, observers=(Ends(),))
+    study = Study(grid=drawn, how=how, observers=(EndStates(),))
     settle_way(progress=progress)
     results, _ = in_memory(study, make_options(workers=workers, progress=progress))
     found = Census(name, values, columns, wanted)

@@ -15,13 +15,15 @@ from dimersweep.cubes.results import runs
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number
 from dimersweep.kernel.batch import Workspace
-from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, CODE_N_PERIODS
 from dimersweep.parameters import fill_rows
 from dimersweep.runs.accessor import is_of_this_kernel
 from dimersweep.runs.behind import behind
 from dimersweep.runs.carrying import carried
 from dimersweep.runs.solving import Solved
 from dimersweep.studies.deciding import OPEN
+from dimersweep.studies.making import in_memory
+from dimersweep.studies.observers import EndStates
 from dimersweep.studies.study import Study
 from dimersweep.symbols import PARAMETERS, Quantity
 from dimersweep.work.stopping import stoppable
@@ -45,6 +47,9 @@ class LoopEnd(NamedTuple):
     below: float
     above: float
     modes: tuple[int, int]
+
+
+Ends = tuple[LoopEnd, LoopEnd]  # of a loop, the low one and the high one
 
 
 def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
@@ -97,21 +102,21 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
     }
     values = cube[axis].values
     places = np.array(list(np.ndindex(*(cube.sizes[name] for name in others))), dtype=int)  # of each line
-    found: list[tuple[int, tuple[LoopEnd, LoopEnd]]] = []
+    found: list[tuple[int, Ends]] = []
     cost = 0
     for line in range(len(motions["mode"])):
         ends = list(_ends(values, motions["mode"][line], motions["mode_period"][line]))
         if ends and within is not None:
             here = dict(zip(others, places[line], strict=True))
-            line_there = _line_through(cube.isel(here | {"direction": UP, axis: 0}))
-            ends, spent = stoppable(partial(_located, line_there, ends, within))
-            cost += spent
+            there = CarriedLine(_line_through(cube.isel(here | {"direction": UP, axis: 0})))
+            ends = [stoppable(partial(there.located, pair, within)) for pair in ends]
+            cost += there.cost
         found += [(line, pair) for pair in ends]
     table = _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
     return table.assign_attrs(axis=axis, cost=cost)
 
 
-def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[tuple[LoopEnd, LoopEnd]]:
+def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[Ends]:
     """The ends of the loops of one line, from modes and periods of shape (2, n)."""
     known = np.flatnonzero(~np.isin(mode, OPEN).any(axis=0))
     values, mode, period = values[known], mode[:, known], period[:, known]
@@ -128,17 +133,8 @@ def _line_through(point: xr.Dataset) -> Study:
     made = behind(point)
     is_of_this_kernel(made.kernel, "the ends may lie elsewhere than its modes say")
     assert made.line is not None  # the cube has directions
-    return Study(grid=Grid({"direction": np.array([UP, DOWN])} | made.line.axes, made.line.fixed), how=made.how)
-
-
-def _located(
-    spec: Study, ends: list[tuple[LoopEnd, LoopEnd]], within: float, space: Workspace
-) -> tuple[list[tuple[LoopEnd, LoopEnd]], int]:
-    """These ends, located to `within`, and the forcing periods that this took."""
-    line = CarriedLine(spec, space)
-    return [
-        (line.located(low, within, inside=1), line.located(high, within, inside=0)) for low, high in ends
-    ], line.cost
+    grid = Grid({"direction": np.array([UP, DOWN])} | made.line.axes, made.line.fixed)
+    return Study(grid=grid, how=made.how, observers=(EndStates(),))
 
 
 class CarriedLine:
@@ -146,34 +142,35 @@ class CarriedLine:
 
     Parameters
     ----------
-    spec : Study
+    study : Study
         Of this line alone.
-    space : Workspace
-        Scratch arrays, which may be stopped.
     """
 
-    def __init__(self, spec: Study, space: Workspace) -> None:
-        self.spec, self.space = spec, space
-        *_, self.axis = spec.grid.axes
-        self.values = spec.grid.axes[self.axis]
-        rows = spec.grid.rows_at(np.arange(self.values.size))
-        up, down = (list(carried(each, spec.how, space)) for each in (rows, rows[::-1]))
-        self.ends = {UP: [solved.onward for solved in up], DOWN: [solved.onward for solved in down[::-1]]}
-        self.cost = sum(solved.cost for solved in (*up, *down))
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        *_, (self.axis, self.values) = study.grid.axes.items()
+        results, _ = in_memory(study)
+        self.ends = results["end"].reshape(len(DIRECTIONS), self.values.size, 1, -1)
+        self.cost = sum(study.how.cost(n) for n in results["codes"][:, CODE_N_PERIODS].tolist())
 
     def _row(self, value: float) -> np.ndarray:
-        row: np.ndarray = fill_rows(self.spec.grid.fixed | {self.axis: value}, 1)[0]
+        row: np.ndarray = fill_rows(self.study.grid.fixed | {self.axis: value}, 1)[0]
         return row
 
-    def _carry(self, start: np.ndarray | None, before: float, to: float) -> Solved | None:
+    def _carry(self, start: np.ndarray | None, before: float, to: float, space: Workspace) -> Solved | None:
         """Carry a state from one value to another; near an end motions settle slowly, and may take longer than on the line.
 
         None if it was stopped.
         """
-        how = self.spec.how._replace(max_periods=LONGER * self.spec.how.max_periods)
-        return next(carried([self._row(to)], how, self.space, start, self._row(before)), None)
+        how = self.study.how._replace(max_periods=LONGER * self.study.how.max_periods)
+        return next(carried([self._row(to)], how, space, start, self._row(before)), None)
 
-    def located(self, end: LoopEnd, within: float, inside: int) -> LoopEnd:
+    def located(self, ends: Ends, within: float, space: Workspace) -> Ends:
+        """Both ends of a loop, located to `within`."""
+        low, high = ends
+        return self._located(low, within, 1, space), self._located(high, within, 0, space)
+
+    def _located(self, end: LoopEnd, within: float, inside: int, space: Workspace) -> LoopEnd:
         """An end between values of the axis, located by halving; `inside` is 0 if the loop lies below it, 1 if above."""
         if np.isnan(end.below):
             return end
@@ -182,7 +179,7 @@ class CarriedLine:
         up, down = self.ends[UP][k], self.ends[DOWN][j]
         while above - below > 2 * within:  # half of it is the error
             middle = 0.5 * (below + above)
-            rising, falling = self._carry(up, below, middle), self._carry(down, above, middle)
+            rising, falling = self._carry(up, below, middle, space), self._carry(down, above, middle, space)
             if middle in (below, above) or rising is None or falling is None:
                 break
             self.cost += rising.cost + falling.cost
@@ -203,9 +200,7 @@ def _motion(solved: Solved) -> tuple[int, int]:
     return int(solved.codes[CODE_MODE]), int(solved.codes[CODE_MODE_PERIOD])
 
 
-def _table(
-    cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: list[tuple[int, tuple[LoopEnd, LoopEnd]]]
-) -> xr.Dataset:
+def _table(cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: list[tuple[int, Ends]]) -> xr.Dataset:
     """The loops as a dataset."""
     units, meaning = PARAMETERS[axis].units, PARAMETERS[axis].long_name
     lines = np.array([line for line, _ in found], dtype=int)

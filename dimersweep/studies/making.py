@@ -13,8 +13,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import flatten, signed
-from dimersweep.cubes.grid import check_fits
-from dimersweep.cubes.results import Finished, Tile, blank_results, chunks, common, failed, not_ok, not_run, pieces
+from dimersweep.cubes.results import Finished, Tile, chunks, common, failed, not_ok, not_run, pieces
 from dimersweep.errors import ParameterError, Stopped, StoreError
 from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.checking import check_unchanged, checksum_of
@@ -54,7 +53,7 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
     settle_way(progress=options.progress)
     out, replaces = options.out, options.force or options.retry
     with (
-        tile_store(out, study.configuration(), study.grid.size, study.kind, force=options.force) as store,
+        tile_store(out, study.configuration(), study.size, study.kind, force=options.force) as store,
         Crew(store, options) as hired,
     ):
         if out is not None:
@@ -80,7 +79,7 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
 
 def conducted(study: Study, hired: Crew, known: Sequence[Known] = ()) -> Study:
     """Have a crew run what a study asks for, but for what other cubes have; the study that labels the results."""
-    store, size = hired.store, study.grid.size
+    store, size = hired.store, study.size
     for batch in study.batches(lambda: store.read(0, size)):
         study = batch.study
         hired.expect(batch.wanted)
@@ -92,7 +91,7 @@ def conducted(study: Study, hired: Crew, known: Sequence[Known] = ()) -> Study:
 
 def in_memory(study: Study, options: Options = IN_PASSING) -> tuple[np.ndarray, float]:
     """The results of all points of a study, run anew, and the time that they took [s]."""
-    size = study.grid.size
+    size = study.size
     with tile_store(None, study.configuration(), size, study.kind) as store, Crew(store, options) as hired:
         conducted(study, hired)
         return store.read(0, size), store.seconds
@@ -103,18 +102,17 @@ def _finished(study: Study, options: Options, store: TileStore, told: Mapping[st
     out, replaces = options.out, options.force or options.retry
     write_blocks = None if out is None else format_of(out).write_blocks
     if out is not None and write_blocks is not None:  # block by block, and opened then
-        first = replace(study, grid=study.grid.window(0, 1)[0]).as_cube(blank_results(1, study.kind))
         with disk_errors(f"out = {out}", store.kept_if_refused):
             write_blocks(
                 study.grid,
-                signed(first.assign_attrs(told), study.configuration()),
+                signed(study.template().assign_attrs(told), study.configuration()),
                 lambda tile, axes: replace(study, grid=axes).as_cube(store.read(*tile)),
                 out,
                 scratch=store.file.scratch,
                 workers=options.workers,
             )
         return open_cube(out)
-    cube = signed(study.as_cube(store.read(0, study.grid.size)).assign_attrs(told), study.configuration())
+    cube = signed(study.as_cube(store.read(0, study.size)).assign_attrs(told), study.configuration())
     cube.attrs[CHECKSUM] = checksum_of(cube)
     if out is not None:
         write_cube(cube, out, force=replaces, scratch=store.file.scratch, kept=store.kept_if_refused)
@@ -259,7 +257,7 @@ def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
     out = options.out
     written = None if out is None else format_of(out)
     if written is None or not written.write_blocks:
-        check_fits(study.grid, by_blocks=study.by_blocks)
+        study.check_fits()
     elif not study.by_blocks:
         raise ParameterError(
             f"out = {out}: only a sweep of a whole grid is written as {written.name}; give a NetCDF file"

@@ -197,7 +197,7 @@ class Paths(Observer):
 
 
 @dataclass(frozen=True)
-class Ends(Observer):
+class EndStates(Observer):
     """State and friction modes at the end of each run."""
 
     needs_ends = True

@@ -1,6 +1,6 @@
 """What a sweep, a search or a map would cost, estimated from a timed sample of it; nothing is written."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from math import ceil, inf, sqrt
 from pathlib import Path
@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from dimersweep.cubes.cube import signed
-from dimersweep.cubes.results import blank_results, not_run
+from dimersweep.cubes.results import not_run
 from dimersweep.storage.store import finished_at
 from dimersweep.storage.tilestore import tiles_of
 from dimersweep.studies.making import in_memory
@@ -72,14 +72,13 @@ class Plan:
 
     def lines(self) -> list[str]:
         """The plan in words."""
-        left, (seconds, error), size = self.to_run - self.done, self.seconds, self.study.grid.size
+        left, (seconds, error), size = self.to_run - self.done, self.seconds, self.study.size
         points = f"{self.to_run}"
         if not np.allclose(self.points, self.study.line):  # of a map
             spread = self._total(self.points)[1]
             points = f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {size}"
         done = f", {self.done} of them done" if self.done else ""
-        first = replace(self.study, grid=self.study.grid.window(0, 1)[0])
-        cube = signed(first.as_cube(blank_results(1, first.kind)), first.configuration())
+        cube = signed(self.study.template(), self.study.configuration())
         low, middle, high = (_time(float(value)) for value in np.quantile(self.times, (0, 0.5, 1)))
         return [
             f"points: {points}{done}",

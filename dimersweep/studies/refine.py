@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import variable
-from dimersweep.cubes.grid import Grid, check_fits, finer
+from dimersweep.cubes.grid import Grid, finer
 from dimersweep.cubes.results import not_run
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count
@@ -173,7 +173,7 @@ class RefinedMap(Search):
 
         What a border asks for beyond the cell is left out: of borders near the edges of cells, up to a third of the points.
         """
-        check_fits(self.grid, by_blocks=False)
+        self.check_fits()
         cells = tuple(n - 1 for n in self.coarse.shape)
         units = prod(cells)
         parts = (self._cell(np.unravel_index(k, cells), cells) for k in spread_order(units).tolist())

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import FLAGS, blank, build, variable, with_fields
-from dimersweep.cubes.grid import Grid, check_fits, legal_points, make_grid
+from dimersweep.cubes.grid import Grid, legal_points, make_grid
 from dimersweep.cubes.results import not_ok, not_run, ranges_of
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
@@ -74,7 +74,7 @@ class Search(Study):
     def narrowed(self, points: np.ndarray) -> tuple[Self, np.ndarray]:
         """See `Work`."""
         small, there = super().narrowed(points)
-        hints = {new: self.hints[old] for new, old in zip(there.tolist(), points.tolist(), strict=True)}
+        hints = {new: self.hints.get(old, ()) for new, old in zip(there.tolist(), points.tolist(), strict=True)}
         return replace(small, hints=hints), there
 
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
@@ -152,7 +152,7 @@ class Search(Study):
 
     def sample(self, rng: np.random.Generator) -> Sample:
         """See `Study`: random points, each begun with what decides at a point beside it, as most of them are."""
-        check_fits(self.grid, by_blocks=False)
+        self.check_fits()
         legal = legal_points(self.grid)
         numbers = rng.permutation(np.flatnonzero(legal)).tolist()
         return Sample(len(numbers), "random points", ((self._led(k, legal), np.ones(1)) for k in numbers))
@@ -161,12 +161,9 @@ class Search(Study):
         """The search at a point alone, with what decides at a point beside it as its hint."""
         beside, hints = point - 1 if point else min(1, legal.size - 1), {}
         if self.question.led and legal[beside]:
-            decider = int(in_memory(self._at(beside))[0]["decider"][0])
-            hints = {0: [decider - 1]} if decider else {}
-        return replace(self._at(point), hints=hints)
-
-    def _at(self, point: int) -> Self:
-        return replace(self, grid=self.grid.window(point, point + 1)[0])
+            decider = int(in_memory(self.narrowed(np.array([beside]))[0])[0]["decider"][0])
+            hints = {point: [decider - 1]} if decider else {}
+        return replace(self, hints=hints).narrowed(np.array([point]))[0]
 
     def again(self, results: np.ndarray) -> np.ndarray:
         """See `Study`: those that a failed neighbour may have led are searched again, too."""

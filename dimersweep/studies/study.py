@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import blank, build, results_in, with_fields
-from dimersweep.cubes.grid import Grid
-from dimersweep.cubes.results import Field, Tile, kind_with, not_ok, not_run
+from dimersweep.cubes.grid import Grid, check_fits
+from dimersweep.cubes.results import Field, Tile, blank_results, kind_with, not_ok, not_run
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
@@ -101,9 +101,18 @@ class Study:
         return not (self.own_fields or self.grid.columns or any(each.along for each in self.fields))
 
     @property
+    def size(self) -> int:
+        """Number of points."""
+        return self.grid.size
+
+    @property
     def line(self) -> int:
         """See `Work`."""
         return self.grid.line
+
+    def check_fits(self) -> None:
+        """Refuse what memory cannot be expected to hold, see `cubes.grid`."""
+        check_fits(self.grid, by_blocks=self.by_blocks)
 
     def configuration(self) -> dict[str, Any]:
         """All that decides the numbers, as JSON can hold it, with the version of the kernel."""
@@ -176,7 +185,7 @@ class Study:
         results : callable
             Gives those of all points so far, shape (grid.size,); of points of former batches they are there.
         """
-        yield Batch(self, [Tile(0, self.grid.size)], self.grid.size)
+        yield Batch(self, [Tile(0, self.size)], self.size)
 
     def stands(self, points: np.ndarray, results: np.ndarray) -> np.ndarray:
         """Which results of another cube are those that this study would give at `points`; all of shape (n,)."""
@@ -184,7 +193,7 @@ class Study:
 
     def sample(self, rng: np.random.Generator) -> Sample:
         """Parts that tell what it costs: random points or lines; of a long line some values stand for all."""
-        short, lines = self, self.grid.size // self.line
+        short, lines = self, self.size // self.line
         if self.line > MOST_OF_LINE:
             *_, (axis, values) = self.grid.axes.items()
             some = values[np.linspace(0, self.line - 1, MOST_OF_LINE).round().astype(int)]
@@ -201,6 +210,10 @@ class Study:
     def as_cube(self, results: np.ndarray) -> xr.Dataset:
         """Results of all points, shape (grid.size,), as a labelled cube."""
         return with_fields(build(self.grid, results["out"], results["codes"]), results, self.fields)
+
+    def template(self) -> xr.Dataset:
+        """The cube of its first point alone, which was not run."""
+        return self.narrowed(np.arange(1))[0].as_cube(blank_results(1, self.kind))
 
     def results_of(self, cube: xr.Dataset) -> np.ndarray:
         """The results that `as_cube` made a cube of."""

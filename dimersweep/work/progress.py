@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from time import perf_counter
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -20,7 +19,7 @@ COMPILE_STEP, COMPILE_SHOWN = 10.0, 600.0  # between two lines while the kernel 
 
 
 class Tally:
-    """Counts of finished points, by mode, and the time that they took; shows nothing, but the two built on it do.
+    """Counts of finished points, by mode, and the time that they took.
 
     Parameters
     ----------
@@ -30,12 +29,18 @@ class Tally:
         Points that an earlier process has finished.
     workers : callable
         How many run at a time; they may come and go.
+    show : callable
+        Is given it whenever it has changed.
     """
 
     def __init__(
-        self, total: int, before: Mapping[str, int] | None = None, workers: Callable[[], int] = lambda: 1
+        self,
+        total: int,
+        before: Mapping[str, int] | None = None,
+        workers: Callable[[], int] = lambda: 1,
+        show: "Callable[[Tally], None]" = lambda tally: None,
     ) -> None:
-        self.total, self.workers = total, workers
+        self.total, self.workers, self.show = total, workers, show
         self.modes: Counter[str] = Counter(before or {})
         # tasks that were run; points of all but the first, and their time
         self.tasks, self.timed, self.seconds = 0, 0, 0.0
@@ -53,10 +58,17 @@ class Tally:
             self.tasks += 1
         if seconds and self.tasks > self.workers():
             self.timed, self.seconds = self.timed + sum(modes.values()), self.seconds + seconds
+        self.show(self)
 
     def expect(self, total: int) -> None:
         """Take note that so many points are to be run in all: of a map that is refined, that shows as it goes."""
         self.total = total
+        self.show(self)
+
+    @property
+    def elapsed(self) -> str:
+        """Time since the start."""
+        return clock(perf_counter() - self.start)
 
     def time_left(self) -> str:
         """Time until the end, at the mean of what a point took; points that are under way are not held against it.
@@ -80,45 +92,21 @@ def clock(seconds: float) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
 
-class Lines(Tally):
-    """Plain lines on stderr, for logs."""
+def in_lines() -> Callable[[Tally], None]:
+    """Shows a `Tally` on stderr by a plain line every `LINE_SECONDS` and at the end, for logs."""
+    last = perf_counter()
 
-    def __init__(self, *given: Any) -> None:
-        super().__init__(*given)
-        self.last = perf_counter()
-        if self.done:
-            print(f"going on: {self.done} of {self.total} points are done", file=sys.stderr, flush=True)
-
-    def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
-        """Take note, and print a line every `LINE_SECONDS` and at the end."""
-        super().add(modes, seconds)
+    def show(tally: Tally) -> None:
+        nonlocal last
         now = perf_counter()
-        if now - self.last < LINE_SECONDS and self.done < self.total:
+        if now - last < LINE_SECONDS and tally.done < tally.total:
             return
-        self.last = now
-        share = f"{self.done}/{self.total} points, {100 * self.done // self.total} %"
-        times = f"elapsed {clock(now - self.start)}, left {self.time_left()}"
-        print(f"{share}, {times}: {self.words()}", file=sys.stderr, flush=True)
+        last = now
+        share = f"{tally.done}/{tally.total} points, {100 * tally.done // tally.total} %"
+        times = f"elapsed {tally.elapsed}, left {tally.time_left()}"
+        print(f"{share}, {times}: {tally.words()}", file=sys.stderr, flush=True)
 
-
-class Bar(Tally):
-    """A live bar on a terminal, inside a running `rich` display."""
-
-    def __init__(self, display: Progress, *given: Any) -> None:
-        super().__init__(*given)
-        self.display = display
-        self.task = display.add_task(self.words(), total=self.total, completed=self.done, left=self.time_left())
-
-    def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
-        """Take note and move the bar; at the end it shows the time that all has taken."""
-        super().add(modes, seconds)
-        left = self.time_left() if self.done < self.total else clock(perf_counter() - self.start)
-        self.display.update(self.task, completed=self.done, description=self.words(), left=left)
-
-    def expect(self, total: int) -> None:
-        """Take note and lengthen the bar."""
-        super().expect(total)
-        self.display.update(self.task, total=total)
+    return show
 
 
 def report_compiling() -> None:
@@ -143,10 +131,22 @@ def watch(total: int, before: Mapping[str, int], workers: Callable[[], int], *, 
     console = Console(stderr=True)
     if not show:
         yield Tally(total, before, workers)
-    elif not console.is_terminal:
-        yield Lines(total, before, workers)
-    else:
-        left = TextColumn("{task.fields[left]}", style="progress.remaining")
-        columns = (BarColumn(), MofNCompleteColumn(), TextColumn("points"), left, TextColumn("{task.description}"))
-        with Progress(*columns, console=console) as display:
-            yield Bar(display, total, before, workers)
+        return
+    if not console.is_terminal:
+        if done := sum(before.values()):
+            print(f"going on: {done} of {total} points are done", file=sys.stderr, flush=True)
+        yield Tally(total, before, workers, in_lines())
+        return
+    left = TextColumn("{task.fields[left]}", style="progress.remaining")
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("points"), left, TextColumn("{task.description}"))
+    with Progress(*columns, console=console) as display:
+        task = display.add_task("", left="")
+
+        def move(tally: Tally) -> None:
+            """Move the bar; at the end it shows the time that all has taken."""
+            time = tally.time_left() if tally.done < tally.total else tally.elapsed
+            display.update(task, total=tally.total, completed=tally.done, description=tally.words(), left=time)
+
+        tally = Tally(total, before, workers, move)
+        move(tally)
+        yield tally
