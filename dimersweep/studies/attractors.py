@@ -1,7 +1,8 @@
 """What motions there are: attractors told apart from drawn starts, and the share of the starts that each of them takes."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from math import nan
 from time import perf_counter
@@ -14,7 +15,6 @@ from dimersweep.cubes.grid import axis_values, make_points
 from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
-from dimersweep.inputs import number as in_si_units
 from dimersweep.kernel.model.layout import CODE_N_PERIODS
 from dimersweep.orbits.features import Mirrors, features_of_orbit, mirrors_of
 from dimersweep.orbits.finding import find
@@ -26,7 +26,7 @@ from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.studies.making import in_memory
-from dimersweep.studies.observers import EndStates
+from dimersweep.studies.observers import EndStates, Observer
 from dimersweep.studies.study import Study
 from dimersweep.studies.telling_apart import Attractor, Classifier, distance, matched
 from dimersweep.symbols import PARAMETERS, START
@@ -151,22 +151,16 @@ def attractors(
     if not 0 < wanted < 1:
         raise ParameterError(f"level = {wanted:g}: must be in (0, 1)")
     longest = 0 if confirm == 0 else check_count("confirm", confirm)
-    n = len(next(iter(columns.values())))
     table = {key: np.tile(column, values.size) for key, column in columns.items()}
     if name:
-        table[name] = np.repeat(values, n)
+        table[name] = np.repeat(values, len(next(iter(columns.values()))))
     drawn = make_points(table, fixed)
     _check_one_plate(drawn.fixed, table)
-    study = Study(grid=drawn, how=how, observers=(EndStates(),))
+    study = Census(
+        grid=drawn, how=how, starts=columns, over=name, values=values, mirror=mirrored, level=wanted, confirm=longest
+    )
     settle_way(progress=progress)
-    results, _ = in_memory(study, make_options(workers=workers, progress=progress))
-    found = Census(name, values, columns, wanted)
-    for k in range(values.size):
-        here, _ = drawn.window(k * n, (k + 1) * n)
-        first = here.fixed | {key: float(column[0]) for key, column in here.columns.items()}
-        classifier = Classifier(here, how, results[k * n : (k + 1) * n], mirrors_of(first, mirrored))
-        found.take(classifier, longest)
-    data = found.dataset(drawn.fixed).assign_attrs(cost=int(results["codes"][:, CODE_N_PERIODS].sum()))
+    data = study.as_cube(in_memory(study, make_options(workers=workers, progress=progress))[0])
     if out is not None:
         asked = {"periods": periods, "max_periods": max_periods, "rtol": rtol, "mirror": mirrored, "level": wanted}
         about = attributes(asked, "Attractors and the shares of starts that lead to them", perf_counter() - began)
@@ -211,9 +205,7 @@ def _pair(name: str, pair: Any) -> tuple[float, float]:
     """The ends of a range in SI units."""
     if not isinstance(pair, list | tuple | np.ndarray) or len(pair) != 2:
         raise ParameterError(f"{name} = {pair!r}: must be a pair of its least and its greatest value")
-    low, high = (in_si_units(name, value) for value in pair)
-    if not low < high:
-        raise ParameterError(f"{name} = {low:g} to {high:g}: the least value must be below the greatest")
+    low, high = axis_values(name, pair).tolist()
     return low, high
 
 
@@ -243,57 +235,80 @@ def _axis_of(over: Mapping[str, Any] | None, columns: Mapping[str, np.ndarray]) 
     return name, values
 
 
-class Census:
-    """Attractors from value to value of a parameter, numbered as they appear.
+@dataclass(frozen=True, kw_only=True)
+class Census(Study):
+    """Drawn starts, the same at each value of a parameter, and the attractors that they come to; see `Study`.
 
     Parameters
     ----------
-    name : str
-        Of the parameter; empty for none.
+    starts : dict of str to ndarray
+        Columns of the starts.
+    over : str
+        The parameter; empty for none.
     values : ndarray
         Its values.
-    columns : dict of str to ndarray
-        The starts.
+    mirror : bool
+        Whether mirror images count as one motion.
     level : float
         Confidence of the intervals.
+    confirm : int
+        Forcing periods of a longer run of each attractor; 0 for none.
     """
 
-    def __init__(self, name: str, values: np.ndarray, columns: dict[str, np.ndarray], level: float) -> None:
-        self.name, self.values, self.columns, self.level = name, values, columns, level
-        self.known: list[Attractor] = []  # as each was seen last
-        self.rows: list[dict[int, Attractor]] = []  # of each value: number from 0, and what it is there
-        self.checks: list[dict[int, bool]] = []
+    observers: tuple[Observer, ...] = (EndStates(),)
+    starts: dict[str, np.ndarray]
+    over: str
+    values: np.ndarray
+    mirror: bool
+    level: float
+    confirm: int
 
-    def take(self, classifier: Classifier, confirm: int) -> None:
-        """Add the attractors at the next value; those that are known keep their numbers."""
-        found, value = classifier.attractors(), float(self.values[len(self.rows)])
-        costs = np.array(
-            [[distance(old, new, self.name, value, classifier.mirrors) for new in found] for old in self.known]
-        )
-        pairs = {new: old for old, new in matched(costs).items()} if self.known else {}
-        row = {}
-        for k, attractor in enumerate(found):
-            number = pairs.get(k, len(self.known))
-            if number == len(self.known):
-                self.known.append(attractor)
-            self.known[number] = row[number] = attractor
-        self.rows.append(row)
-        if confirm:
-            self.checks.append({number: classifier.confirmed(attractor, confirm) for number, attractor in row.items()})
+    def as_cube(self, results: np.ndarray) -> xr.Dataset:
+        """See `Study`: attractors from value to value, numbered as they appear; those that are known keep their numbers."""
+        known: dict[int, Attractor] = {}  # as each was seen last
+        rows: list[dict[int, Attractor]] = []  # of each value: number from 0, and what it is there
+        checks: list[dict[int, bool]] = []
+        for k, value in enumerate(self.values.tolist()):
+            classifier = self._classifier(k, results)
+            found, row = classifier.attractors(), {}
+            costs = [
+                [distance(old, new, self.over, value, classifier.mirrors) for new in found] for old in known.values()
+            ]
+            pairs = {new: old for old, new in matched(np.array(costs)).items()} if known else {}
+            for j, attractor in enumerate(found):
+                number = pairs.get(j, len(known))
+                known[number] = row[number] = attractor
+            rows.append(row)
+            if self.confirm:
+                checks.append({number: classifier.confirmed(each, self.confirm) for number, each in row.items()})
+        data = self._labelled(rows, len(known))
+        axis = self.over or "value"
+        if checks:
+            table = [[row.get(k, False) for k in range(len(known))] for row in checks]
+            data["confirmed"] = ((axis, "attractor"), table, _meaning("whether a longer run is still there"))
+        if not self.over:
+            data = data.isel({axis: 0})
+        else:
+            data = data.assign_coords({axis: (axis, self.values, PARAMETERS[axis].attributes())})
+            self._add_changes(data, rows)
+        scalars = {key: ((), value, PARAMETERS[key].attributes()) for key, value in self.grid.fixed.items()}
+        cost = int(results["codes"][:, CODE_N_PERIODS].sum())
+        return data.assign_coords(scalars).assign_attrs(plot="attractors", cost=cost)
 
-    def dataset(self, fixed: Mapping[str, float]) -> xr.Dataset:
-        """All that was found, labelled; `fixed` are the parameters that do not vary."""
+    def _labelled(self, rows: Sequence[Mapping[int, Attractor]], number: int) -> xr.Dataset:
+        """The attractors of each value, so many in all, and the one of each start."""
         from scipy.stats import binomtest
 
-        axis = self.name or "value"
-        over = (axis, "attractor")
-        data = xr.Dataset(coords={"attractor": ("attractor", 1 + np.arange(len(self.known)), _meaning("its number"))})
+        def table(empty: Any, read: Callable[[Attractor], Any]) -> np.ndarray:
+            return np.array([[read(row[k]) if k in row else empty for k in range(number)] for row in rows])
+
+        axis, n = self.over or "value", self.size // self.values.size
+        over, nothing = (axis, "attractor"), padded(np.zeros(0))
+        data = xr.Dataset(coords={"attractor": ("attractor", 1 + np.arange(number), _meaning("its number"))})
         for name, (meaning, empty, read) in _READ.items():
-            data[name] = (over, self._table(empty, read), meaning)
-        nothing = padded(np.zeros(0))
-        multipliers = self._table(nothing, lambda one: nothing if one.orbit is None else padded(one.orbit.multipliers))
+            data[name] = (over, table(empty, read), meaning)
+        multipliers = table(nothing, lambda one: nothing if one.orbit is None else padded(one.orbit.multipliers))
         data.update(multiplier_columns((*over, "multiplier"), multipliers))
-        n = len(next(iter(self.columns.values())))
         data["share"] = data["count"] / n
         data["share"].attrs = _meaning("share of the starts")
         counts = data["count"].values.tolist()
@@ -302,48 +317,36 @@ class Census:
         for end, bound in zip(("low", "high"), np.moveaxis(np.array(intervals), -1, 0), strict=True):
             name = f"{end} end of the share's interval"
             data[f"share_{end}"] = (over, bound, _meaning(name) | {"level": self.level})
-        self._add_basins(data, axis)
-        if self.checks:
-            table = np.array([[row.get(k, False) for k in range(len(self.known))] for row in self.checks])
-            data["confirmed"] = (over, table, _meaning("whether a longer run is still there"))
-        if not self.name:
-            data = data.isel({axis: 0})
-        else:
-            data = data.assign_coords({axis: (axis, self.values, PARAMETERS[axis].attributes())})
-            self._add_changes(data)
-        scalars = {key: ((), value, PARAMETERS[key].attributes()) for key, value in fixed.items()}
-        return data.assign_coords(scalars).assign_attrs(plot="attractors")
-
-    def _table(self, empty: Any, read: Callable[[Attractor], Any]) -> np.ndarray:
-        """What is read of each attractor at each value; `empty` where it is not met."""
-        numbers = range(len(self.known))
-        return np.array([[read(row[k]) if k in row else empty for k in numbers] for row in self.rows])
-
-    def _add_basins(self, data: xr.Dataset, axis: str) -> None:
-        n = len(next(iter(self.columns.values())))
-        basin = np.zeros((len(self.rows), n), dtype=np.int64)
-        for k, row in enumerate(self.rows):
-            for number, attractor in row.items():
-                basin[k, attractor.members] = number + 1
+        basin = np.zeros((len(rows), n), dtype=np.int64)
+        for k, row in enumerate(rows):
+            for place, attractor in row.items():
+                basin[k, attractor.members] = place + 1
         data["basin"] = ((axis, "start"), basin, _meaning("number of the attractor that a start leads to"))
-        for name, column in self.columns.items():
-            data.coords[name] = ("start", column, PARAMETERS[name].attributes())
+        columns = {key: ("start", column, PARAMETERS[key].attributes()) for key, column in self.starts.items()}
+        return data.assign_coords(columns)
 
-    def _add_changes(self, data: xr.Dataset) -> None:
+    def _classifier(self, k: int, results: np.ndarray) -> Classifier:
+        """What tells the motions at one of the values apart."""
+        n = self.size // self.values.size
+        here, _ = self.grid.window(k * n, (k + 1) * n)
+        first = here.fixed | {key: float(column[0]) for key, column in here.columns.items()}
+        return Classifier(here, self.how, results[k * n : (k + 1) * n], mirrors_of(first, self.mirror))
+
+    def _add_changes(self, data: xr.Dataset, rows: Sequence[Mapping[int, Attractor]]) -> None:
         """Where an attractor appears or goes between two values, and the border that its orbit has there."""
-        rows = []
-        for k in range(len(self.rows) - 1):
-            for number in sorted(self.rows[k].keys() ^ self.rows[k + 1].keys()):
-                goes = number in self.rows[k]
-                attractor = self.rows[k if goes else k + 1][number]
+        changes = []
+        for k in range(len(rows) - 1):
+            for number in sorted(rows[k].keys() ^ rows[k + 1].keys()):
+                goes = number in rows[k]
+                attractor = rows[k if goes else k + 1][number]
                 beyond = float(self.values[k + 1 if goes else k])
                 border = (float("nan"), "none")
                 if attractor.orbit is not None:
-                    border = border_between(attractor.orbit, self.name, beyond)
-                rows.append((number + 1, "goes" if goes else "appears", *self.values[k : k + 2], *border))
+                    border = border_between(attractor.orbit, self.over, beyond)
+                changes.append((number + 1, "goes" if goes else "appears", *self.values[k : k + 2], *border))
         for k, (name, kind, units, meaning) in enumerate(_CHANGE):
-            column: np.ndarray = np.array([row[k] for row in rows], dtype=kind)
-            unit = PARAMETERS[self.name].units if units is None else units
+            column: np.ndarray = np.array([row[k] for row in changes], dtype=kind)
+            unit = PARAMETERS[self.over].units if units is None else units
             data[name] = ("change", column, {"units": unit, "long_name": meaning})
 
 

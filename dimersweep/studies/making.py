@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from dimersweep.cubes.cube import flatten, signed
@@ -23,7 +24,7 @@ from dimersweep.storage.formats import format_of
 from dimersweep.storage.outputs import check_output
 from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
-from dimersweep.studies.study import Study
+from dimersweep.studies.study import Batch, Study
 from dimersweep.work.computing import Crew, settle_way
 from dimersweep.work.options import IN_PASSING, Given, Options, make_options
 
@@ -80,12 +81,15 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
 def conducted(study: Study, hired: Crew, known: Sequence[Known] = ()) -> Study:
     """Have a crew run what a study asks for, but for what other cubes have; the study that labels the results."""
     store, size = hired.store, study.size
+
+    def found(batch: Batch) -> Iterator[Finished]:
+        for points_in in known:
+            yield from points_in(common(batch.ranges, store.gaps()), batch.study.stands)
+            store.flush()
+
     for batch in study.batches(lambda: store.read(0, size)):
         study = batch.study
-        hired.expect(batch.wanted)
-        for points_in in known:
-            hired.take_over(points_in(common(batch.ranges, store.gaps()), study.stands))
-        hired.run(study, batch.ranges)
+        hired.run(*batch, found(batch))
     return study
 
 
@@ -182,10 +186,9 @@ def check_alike(cube: xr.Dataset, new: dict[str, Any], name: str) -> None:
 
 
 def _places(old: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Index in the increasing `old` of each value of `new`, -1 where it is not there bit for bit."""
-    old, new = old.astype(float), new.astype(float)  # the codes of directions, too
-    found = np.minimum(np.searchsorted(old, new), old.size - 1)
-    return np.where(old[found].view(np.int64) == new.view(np.int64), found, -1)
+    """Index in `old` of each value of `new`, -1 where it is not there bit for bit."""
+    there, wanted = (each.astype(float).view(np.int64) for each in (old, new))  # the codes of directions, too
+    return pd.Index(there).get_indexer(wanted)
 
 
 def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.ndarray], np.ndarray]) -> Known:
@@ -275,7 +278,6 @@ def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
             if options.progress:
                 print(f"{out}: is complete already; nothing was run", file=sys.stderr, flush=True)
             return former
-    check_output(out, force=options.force or options.retry, endings=None)
     return None
 
 

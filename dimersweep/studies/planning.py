@@ -7,6 +7,7 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from dask.utils import format_bytes, format_time
 
 from dimersweep.cubes.cube import signed
 from dimersweep.cubes.results import not_run
@@ -79,13 +80,13 @@ class Plan:
             points = f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {size}"
         done = f", {self.done} of them done" if self.done else ""
         cube = signed(self.study.template(), self.study.configuration())
-        low, middle, high = (_time(float(value)) for value in np.quantile(self.times, (0, 0.5, 1)))
+        low, middle, high = (format_time(float(value)) for value in np.quantile(self.times, (0, 0.5, 1)))
         return [
             f"points: {points}{done}",
             f"tiles: {ceil(left / self.tile_points)} of {self.tile_points} points",
-            f"cube: {_bytes(size * sum(variable.nbytes for variable in cube.data_vars.values()))} before compression",
-            f"time: {_time(seconds)} on {self.workers} threads, give or take {_time(error)} (standard error)",
-            f"sample: {self.times.size} {self.sample.unit}, {_time(float(self.times.mean()))} each on average "
+            f"cube: {format_bytes(size * sum(variable.nbytes for variable in cube.data_vars.values()))} before compression",
+            f"time: {format_time(seconds)} on {self.workers} threads, give or take {format_time(error)} (standard error)",
+            f"sample: {self.times.size} {self.sample.unit}, {format_time(float(self.times.mean()))} each on average "
             f"(shortest {low}, median {middle}, longest {high})",
         ]
 
@@ -123,18 +124,3 @@ def _cost(part: Study, shares: np.ndarray) -> tuple[float, float]:
     made = ~not_run(results["codes"])
     runs = results["counts"].sum(axis=1) if "counts" in (part.kind.names or ()) else made
     return float(shares[made].sum()), seconds * float(shares @ runs) / float(runs.sum())
-
-
-def _bytes(number: float) -> str:
-    for unit in ("bytes", "kB", "MB", "GB"):
-        if number < 1000:
-            return f"{number:.3g} {unit}"
-        number /= 1000
-    return f"{number:.3g} TB"
-
-
-def _time(seconds: float) -> str:
-    for unit, length in (("days", 86400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.3g} {unit}"
-    return f"{1e3 * seconds:.3g} ms" if seconds < 1 else f"{seconds:.3g} s"

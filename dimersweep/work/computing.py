@@ -1,10 +1,9 @@
 """The points that a store lacks, run and put there: workers, progress, and the ways that this can end early."""
 
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
-
-import numpy as np
+from typing import NamedTuple
 
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Finished, Tile, common, not_ok, pieces, tally
@@ -16,38 +15,29 @@ from dimersweep.work.progress import Tally, report_compiling, watch
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.scheduling import Pace, Pool, cluster, connected, run_tasks, threads
 from dimersweep.work.stopping import StopFlag, stop_on_signals, stoppable
-from dimersweep.work.tiles import Made, Work
+from dimersweep.work.tiles import Work
 
 ALIKE = 10  # tasks that break off in a row for the same reason: then it is not for the points
 
 
-class Troubles:
-    """What has left points without results, for reasons that are not the model's."""
+class Trouble(NamedTuple):
+    """Points that were left without results, for a reason that is not the model's."""
 
-    def __init__(self) -> None:
-        self.first, self.reason = -1, ""  # of these points, and why
-        self.points = 0
-        self.alike, self.last = 0, ""  # in a row, and their sort of reason
+    first: int
+    points: int
+    reason: str
 
-    def note(self, points: np.ndarray, made: Made) -> None:
-        """Take note of what a task of these points has brought back."""
-        if len(made.results):
-            self.alike = 0
-        if not made.broken:
-            return
-        first = int(points[len(made.results)])
-        if not self.points or first < self.first:
-            self.first, self.reason = first, made.reason
-        self.points += made.broken
-        sort = made.reason.partition(":")[0]
-        self.alike = self.alike + 1 if sort == self.last else 1
-        self.last = sort
+    @property
+    def sort(self) -> str:
+        """Of reason, such as MemoryError."""
+        return self.reason.partition(":")[0]
 
-    def words(self, grid: Grid) -> str:
-        """Such as ``3 points could not be run, such as point 7 (Gamma = 0.9): MemoryError: no room``."""
-        points, such = ("points", ", such as ") if self.points > 1 else ("point", ": ")
-        words = f"{self.points} {points} could not be run{such}{grid.point(self.first)}: {self.reason}"
-        return words + ("; the sweep was stopped, as these came in a row" if self.alike >= ALIKE else "")
+
+def words_for(troubles: Sequence[Trouble], grid: Grid) -> str:
+    """Such as ``3 points could not be run, such as point 7 (Gamma = 0.9): MemoryError: no room``."""
+    first, count = min(troubles), sum(each.points for each in troubles)
+    points, such = ("points", ", such as ") if count > 1 else ("point", ": ")
+    return f"{count} {points} could not be run{such}{grid.point(first.first)}: {first.reason}"
 
 
 class Crew(ExitStack):
@@ -56,73 +46,78 @@ class Crew(ExitStack):
     Parameters
     ----------
     store : TileStore
-        Where results are put; as many of its points as ``expect`` says are wanted.
+        Where results are put.
     options : Options
     """
 
     def __init__(self, store: TileStore, options: Options) -> None:
         super().__init__()
-        self.store, self.options, self.wanted = store, options, 0
+        self.store, self.options = store, options
         self._pool: Pool | None = None
         self._stop: StopFlag
         self._shown: Tally
 
-    def expect(self, wanted: int) -> None:
-        """Have the progress and the store know how many points are to be run in all."""
-        self.wanted = wanted
-        self.store.expect(wanted)
-        if self._pool is not None:
-            self._shown.expect(wanted)
-
-    def take_over(self, pieces: Iterable[Finished]) -> None:
-        """Put points into the store that need not be run."""
-        for piece in pieces:
-            self.store.add(piece)
-            if self._pool is not None:
-                self._shown.add(tally(piece.codes))
-        self.store.flush()
-
-    def _hire(self) -> Pool:
+    def _hire(self, wanted: int) -> Pool:
         options = self.options
         client = None if options.client is None else self.enter_context(connected(options.client))
         self._stop = self.enter_context(stop_on_signals())
         pool = self.enter_context(threads(options.workers, self._stop) if client is None else cluster(client))
-        self._shown = self.enter_context(watch(self.wanted, self.store.modes(), pool.workers, show=options.progress))
+        self._shown = self.enter_context(watch(wanted, self.store.modes(), pool.workers, show=options.progress))
         if options.progress and not pool.workers():
             print("waiting for the first worker of the cluster", file=sys.stderr, flush=True)
         return pool
 
-    def run(self, work: Work, ranges: Iterable[Tile]) -> None:
-        """Do `work` at the points of `ranges` that the store lacks, and hand what is finished to the store.
+    def run(self, work: Work, ranges: Iterable[Tile], wanted: int, known: Iterable[Finished] = ()) -> None:
+        """Do `work` at the points of `ranges` that the store lacks, but for what is known; all is handed to the store.
+
+        Parameters
+        ----------
+        work : Work
+        ranges : iterable of Tile
+        wanted : int
+            How many points are to be run in all.
+        known : iterable of Finished
+            Points of these ranges that need not be run.
 
         Raises
         ------
         PointError, UnfinishedError, Stopped, StoreError
             See `sweep`; what was finished before is in the store.
         """
+        self.store.expect(wanted)
+        for piece in known:
+            self.store.add(piece)
+            if self._pool is not None:
+                self._shown.add(tally(piece.codes))
+        self.store.flush()
         missing = list(common(ranges, self.store.gaps()))
         if not missing:
             return
         if self._pool is None:
-            self._pool = self._hire()
+            self._pool = self._hire(wanted)
+        self._shown.expect(wanted)
         left = sum(stop - start for start, stop in missing)
         pace = Pace(left, self._pool.workers)
         failures: list[tuple[int, int]] = []  # points, and their status
-        troubles = Troubles()
+        troubles: list[Trouble] = []
+        alike = 0  # of them, in a row
 
         try:
             for points, made in run_tasks(self._pool, work, missing, pace, self._stop):
-                troubles.note(points, made)
                 codes = made.results["codes"]
                 left -= len(codes)
                 for piece in pieces(points[: len(codes)], made.results, made.seconds):
                     self.store.add(piece)
                 if len(codes):
                     self._shown.add(tally(codes), made.seconds)
+                    alike = 0
+                if made.broken:
+                    troubles.append(Trouble(int(points[len(codes)]), made.broken, made.reason))
+                    alike = alike + 1 if troubles[-1].sort == troubles[-2:][0].sort else 1
                 if self.options.fail_fast and not_ok(codes).any():
                     row = int(not_ok(codes).argmax())
                     failures.append((int(points[row]), codes[row, CODE_STATUS]))
-                if failures or troubles.alike >= ALIKE or (troubles.points and self.options.fail_fast):
+                if failures or alike >= ALIKE or (troubles and self.options.fail_fast):
                     self._stop.set()
         finally:
             self.store.flush()
@@ -130,8 +125,9 @@ class Crew(ExitStack):
             point, status = min(failures)
             words = f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
             raise PointError(f"{work.grid.point(point)} failed: {words}; {self.store.kept}")
-        if troubles.points and not self._stop.signal:
-            raise UnfinishedError(f"{troubles.words(work.grid)}; {self.store.kept}")
+        if troubles and not self._stop.signal:
+            stopped = "; the sweep was stopped, as these came in a row" if alike >= ALIKE else ""
+            raise UnfinishedError(f"{words_for(troubles, work.grid)}{stopped}; {self.store.kept}")
         if left:
             raise Stopped(self.store.kept, self._stop.signal)
 

@@ -90,8 +90,8 @@ def stoppable(call: Callable[[Workspace], T], seconds: float | None = None, kept
 
     Raises
     ------
-    Stopped
-        On Ctrl-C or SIGTERM.
+    KeyboardInterrupt
+        On Ctrl-C, and `Stopped`, which is one, on SIGTERM; or on both, if something is kept.
     """
     future: Future[T] = Future()
     ends = inf if seconds is None else monotonic() + seconds
@@ -115,4 +115,6 @@ def stoppable(call: Callable[[Workspace], T], seconds: float | None = None, kept
             return future.result()
         with suppress(TimeoutError):
             future.exception(RUN_GRACE)
+        if flag.signal == signal.SIGINT and not kept:
+            raise KeyboardInterrupt  # a script that does not catch it ends by the signal
         raise Stopped(kept, flag.signal)
