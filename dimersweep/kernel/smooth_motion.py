@@ -153,10 +153,11 @@ def rests_for_good(dm, motion):
 
     Its forces are linear in gravity and in the acceleration along the plate, so that they are judged at the worst of both.
     """
-    modes, y, lightest_g = motion.modes, motion.contact, lightest(dm)
-    if modes[0] != STICK or modes[1] != STICK or lightest_g < 0.0:
+    modes, y = motion.modes, motion.contact
+    if modes[0] != STICK or modes[1] != STICK or not keeps_speed(dm, motion.state[THETA], motion.state[WP]):
         return False
-    if not keeps_speed(dm, motion.state[THETA], motion.state[WP]):
+    lightest_g = lightest(dm)
+    if lightest_g < 0.0:
         return False
     contact_state(dm, motion.state, 0, y)
     clear_slip(dm, modes, y)

@@ -20,7 +20,6 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.layout import ROW_PHI0, ROW_PHI_2
 from dimersweep.kernel.numerics.sincos import TWO_PI, one_minus_cos, sincos, x_minus_sin
 
-CREST_PHASES, CLIMBS = 16, 60  # phases from the best of which the crest is climbed, and steps of that
 STEADY = 1e-9  # acceleration across the heading, in g, that counts as none
 CREST_EXCESS = 1e-9  # excess of the bound on a crest over its height, over the sum of both harmonics
 
@@ -46,25 +45,16 @@ def wave(a, b, lag, phase):
 def crest(a, b, lag):
     """A bound of a sin(phase) + b sin(2 phase + lag) over all phases, above its maximum by `CREST_EXCESS` at most.
 
-    A climb of the best of some phases finds the maximum, as a rule. Steps over which the wave certainly stays below it (its
-    curvature is at most a + 4 b), or certainly rises to their ends, then lead once round the cycle; what is higher takes its
-    place.
+    Steps lead round the cycle over which the wave certainly stays below what has been seen of it (its curvature is at most
+    a + 4 b), or certainly rises to their ends. A coarse round finds the crest, so that the second one need not climb it.
     """
-    bend, spare = a + 4.0 * b, CREST_EXCESS * (a + b)
-    top, at = -inf, 0.0
-    for k in range(CREST_PHASES):
-        value, _ = wave(a, b, lag, TWO_PI * k / CREST_PHASES)
-        if value > top:
-            top, at = value, TWO_PI * k / CREST_PHASES
-    for _ in range(CLIMBS):
-        value, slope = wave(a, b, lag, at)
-        top = max(top, value)
-        at += slope / bend
-    phase = 0.0
-    while phase < TWO_PI:
-        value, slope = wave(a, b, lag, phase)
-        top = max(top, value)
-        phase += max(slope, sqrt(slope * slope + 2.0 * bend * (top - value + spare)) - slope) / bend
+    bend, top, spare = a + 4.0 * b, -inf, 0.0
+    for excess in (1e-3, CREST_EXCESS):
+        phase, spare = 0.0, excess * (a + b)
+        while phase < TWO_PI:
+            value, slope = wave(a, b, lag, phase)
+            top = max(top, value)
+            phase += max(slope, sqrt(slope * slope + 2.0 * bend * (top - value + spare)) - slope) / bend
     return top + spare
 
 
