@@ -38,9 +38,9 @@ from dimersweep.kernel.verdict.settling import change
 
 CODES_TYPE, OUTCOME_TYPE = record_type(Codes), record_type(Outcome)
 N_START = N_STATE + 2  # numbers that a run starts from: the state, and the friction modes of the ends
+EVIDENCE = 64  # periods of a run below which it is not looked for: too few to have settled
 # evidence of aperiodic motion: a twin of the run (its plate phase shifted) separates from it by so much, in g/omega and
 # g/omega^2. Both are followed over stretches of so many periods, one stretch for so many periods of the run, at least one.
-EVIDENCE = 64  # periods of a run below which it is not looked for: too few to have settled
 STRETCH, STRETCH_FOR, TWIN_SHIFT, SEPARATED = 24, 200, 1e-6, 1e-2
 
 

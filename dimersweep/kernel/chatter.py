@@ -20,8 +20,8 @@ from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, double_forc
 from dimersweep.kernel.impact.impact import apply_impulse
 from dimersweep.kernel.model import body
 from dimersweep.kernel.model.body import attitude, contact_velocity, delassus, end, levers
-from dimersweep.kernel.model.friction import slip_force, slip_mu
-from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, N_STATE, SLIP, SPIN, WB, WP
+from dimersweep.kernel.model.friction import single_forces, slip_mu
+from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, N_STATE, SPIN, WB, WP
 from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound, tempo
 from dimersweep.kernel.model.works import begin_tally, note_struck
 from dimersweep.kernel.numerics.elementary import length, raised
@@ -30,9 +30,8 @@ from dimersweep.kernel.numerics.steps import copy
 CLOSE_COST = 4.0  # what the close of a chatter may cost, in tolerances
 SPREAD = 0.03  # what the errors of a period's events add up to, in tolerances for each
 ALONE = 20.0  # hops of one end over which the other one stays off the plate if it has no part in them
-GAIN = 1e-14  # energy that round-off may give
 NOTHING = -1.0  # time of hops where none are summed, or may be
-FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops
+FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops; and share of energy that it may give
 
 
 @compiled
@@ -165,7 +164,7 @@ def close(dm, c, state, tol, energy):
         close_both(dm, c, state)
     else:
         close_one(dm, c, state, 0 if c.modes[0] != FREE else 1)
-    limit = energy + max(tol, GAIN) * (energy + 0.5 * dm.m * speed_bound(dm) ** 2)
+    limit = energy + max(tol, FLOOR) * (energy + 0.5 * dm.m * speed_bound(dm) ** 2)
     gains = body.kinetic(dm, state) > limit
     drives = (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
     if (not gains and not drives) or max(before[N1], before[N2]) <= FLOOR * dm.v_scale:
@@ -187,17 +186,12 @@ def close_one(dm, c, state, i):
     """Cancel the gap rate of end i by an impulse with the friction of its contact mode; the impulses go into c.F."""
     p, (sin_b, cos_b) = end(dm, i), attitude(dm, state[DIP])
     lv, lj = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
-    w, wj = delassus(dm, lv, lv), delassus(dm, lj, lv)
-    t_a, t_b = -w.an / w.aa, 0.0
-    if c.modes[i] == SLIP:
-        u_a, u_b = c.y[Y.u_a], c.y[Y.u_b]
-        v = length(u_a, u_b)
-        t_a, t_b = slip_force(slip_mu(p, v), 1.0, u_a, u_b)
-        t_a, t_b = t_a / v, t_b / v
-    P = -state[N1 + i] / (w.nn + w.na * t_a)
-    apply_impulse(dm, state, lv, P, t_a * P, t_b * P)
-    put_forces(i, P, t_a * P, t_b * P, 0.0, c.F)
-    state[N2 - i] += P * (wj.nn + wj.na * t_a)
+    wj, u_a, u_b = delassus(dm, lj, lv), c.y[Y.u_a], c.y[Y.u_b]
+    mu, w = slip_mu(p, length(u_a, u_b)), delassus(dm, lv, lv)
+    P, A, L, _ = single_forces(dm, mu, c.modes[i], w, u_a, u_b, state[N1 + i], 0.0, 0.0)
+    apply_impulse(dm, state, lv, P, A, L)
+    put_forces(i, P, A, L, 0.0, c.F)
+    state[N2 - i] += wj.nn * P + wj.na * A
     state[N1 + i] = 0.0
 
 

@@ -10,7 +10,7 @@ from dimersweep.kernel.compiler.records import new_record, one, record_type
 from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.contact.forces import Contact
 from dimersweep.kernel.contact.step_control import STEP_ROWS, Control
-from dimersweep.kernel.impact.double_step import Stride
+from dimersweep.kernel.impact.double_leg import Stride
 from dimersweep.kernel.impact.single_impact import Blow
 from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, PHASE, Dimer
 from dimersweep.kernel.model.works import STRUCK_ROWS, WorkTally

@@ -8,7 +8,8 @@ from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import CODES, M_FAILED, OUT, ROW, SPIN
-from dimersweep.kernel.verdict.classify import SLOW_SPEED, STRAIGHT
+from dimersweep.kernel.verdict.classify import STRAIGHT
+from dimersweep.kernel.verdict.settling import SLOW_SPEED
 from dimersweep.parameters import fill_rows
 from dimersweep.symbols import BASE
 from tests.checks.random_scenes import BLOCK, rows_of

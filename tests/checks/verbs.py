@@ -29,8 +29,7 @@ set_pair = called(body.set_pair)
 follow_track = called(track.follow_track)
 track_of = called(track.track_of)
 exp = called(elementary.exp)
-expm1 = called(elementary.expm1)
-log1p = called(elementary.log1p)
+log = called(elementary.log)
 atan2 = called(elementary.atan2)
 raised = called(elementary.raised)
 multiplied = called(elementary.multiplied)
@@ -44,7 +43,6 @@ hold_left = called(friction.hold_left)
 hold_left_of_pair = called(friction.hold_left_of_pair)
 outward_slip = called(friction.outward_slip)
 pair_friction = called(double_equations.friction)
-friction_slopes = called(double_equations.friction_slopes)
 hold_reserve = called(forces.hold_reserve)
 effective_gravity = called(plate.effective_gravity)
 plate_rate = called(plate.plate_rate)
@@ -146,21 +144,11 @@ def contact_rates(dm, modes, phase, y, dy, F):
 
 
 @exported
-def single_forces(dm, mode, w, u_a, u_b, n, a, b):
-    return friction.single_forces(dm, dm.p1.mu, mode, w, u_a, u_b, n, a, b)
-
-
-@exported
 def straight_leg(law, n, a, b, mode, c, s, work):
     """The first leg of an impact at one end, at constant rates; `work.course[0].blow` tells what came of it."""
     single_impact.begin_blow(work.course[0].blow, n, a, b, 0.0, 0.0)
     work.course[0].blow.mode = mode
     return single_impact.straight_leg(law, work.course[0].blow, c, s)
-
-
-@exported
-def free_rates(dm, s, y, g_e, sin_b, cos_b):
-    return forces.free_rates(dm, end(dm, s), forces.rod_of(y, sin_b, cos_b), forces.Pull(g_e, 0.0, 0.0))
 
 
 @exported

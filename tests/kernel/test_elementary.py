@@ -31,8 +31,8 @@ def sizes(low, high, n, seed=3):
     return 10.0 ** rng.uniform(low, high, n) * rng.choice([-1.0, 1.0], n)
 
 
-def assert_right(told, true):
-    assert abs(mpmath.mpf(told) - true) <= UNITS * np.spacing(abs(float(true)))
+def assert_right(told, true, units=UNITS):
+    assert abs(mpmath.mpf(told) - true) <= units * np.spacing(abs(float(true)))
 
 
 @pytest.fixture(autouse=True)
@@ -51,13 +51,11 @@ STEPS = np.log(2.0) * (np.arange(-60, 60) + 0.5)  # where the reduction goes on 
 def test_exponential(x):
     for number in x:
         assert_right(verbs.exp(number), mpmath.exp(number))
-        assert_right(verbs.expm1(number), mpmath.expm1(number))
 
 
 def test_logarithm():
-    near_zero = -1.0 + 10.0 ** np.random.default_rng(6).uniform(-15, -0.1, 1000)
-    for x in np.concatenate([NEAR[NEAR > -1.0], near_zero, abs(sizes(-1, 300, 500)), 2.0 ** np.arange(30) - 1.0]):
-        assert_right(verbs.log1p(x), mpmath.log1p(x))
+    for x in np.concatenate([abs(NEAR), abs(sizes(-1, 300, 500)), 2.0 ** np.arange(30), [5e-324, 1e-310]]):
+        assert_right(verbs.log(x), mpmath.log(x), 1.7)  # it gives the sizes of steps only
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e-3, 1.0, 1e3])
@@ -95,14 +93,10 @@ def test_arctangent_along_the_axes(y, x):
 
 def test_beyond_all_borders():
     assert (verbs.exp(-inf), verbs.exp(-709.0), verbs.exp(0.0), verbs.exp(710.0), verbs.exp(inf)) == (0, 0, 1, inf, inf)
-    assert (verbs.expm1(-inf), verbs.expm1(-41.0), verbs.expm1(0.0), verbs.expm1(inf)) == (-1, -1, 0, inf)
-    assert (verbs.log1p(-1.0), verbs.log1p(0.0), verbs.log1p(inf)) == (-inf, 0, inf)
     powers = [(0.0, 0.4), (inf, 0.4), (1e-200, 2.5), (1e200, 2.5)]
     assert [verbs.raised(x, y) for x, y in powers] == [0, inf, 0, inf]
     assert verbs.raised(5e-324, 0.5) == pytest.approx(5e-324**0.5)
-    assert all(
-        map(isnan, [verbs.exp(nan), verbs.expm1(nan), verbs.log1p(nan), verbs.log1p(-2.0), verbs.raised(nan, 0.4)])
-    )
+    assert all(map(isnan, [verbs.exp(nan), verbs.raised(nan, 0.4)]))
     assert all(map(isnan, [verbs.atan2(nan, 1.0), verbs.atan2(1.0, nan), verbs.atan2(nan, 0.0), verbs.atan2(0.0, nan)]))
 
 

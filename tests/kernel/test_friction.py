@@ -1,29 +1,23 @@
 """The law of friction: its statements, and each closed form of it against them."""
 
-from math import cos, hypot, sin
+from math import hypot
 
 import numpy as np
 import pytest
 
 from dimersweep.kernel.contact.coordinates import N_Y, Y
-from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, N_F
-from dimersweep.kernel.impact.double_equations import N_Z, ZA, ZB1, ZB2, ZX1, ZX2
+from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, N_F
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from tests.checks.verbs import (
     contact_rates,
-    delassus,
     dimer,
     end_law,
-    free_rates,
-    friction_slopes,
     hold_left,
     hold_left_of_pair,
     hold_reserve,
-    levers,
     outward_slip,
     pair_friction,
     scratch,
-    single_forces,
     slip_force,
     straight_leg,
 )
@@ -85,22 +79,6 @@ def contact(rng, both):
 
 
 @seeds
-@pytest.mark.parametrize("mode", [STICK, SLIP])
-def test_the_written_out_contact_of_one_end(seed, mode):
-    """``single_rates`` against the general forces of one contact."""
-    rng, dm = scene(seed)
-    y, dy, F = contact(rng, both=False), np.zeros(N_Y), np.zeros(N_F)
-    if mode == STICK:
-        y[[Y.u_a, Y.u_b]] = 0.0
-    contact_rates(dm, np.array([mode, FREE], float), 0.0, y, dy, F)
-    s, c = sin(y[Y.dip]), cos(y[Y.dip])
-    own = levers(dm, -1.0, s, c)
-    _, _, n, a, b = free_rates(dm, -1.0, y, dm.g, s, c)
-    expected = single_forces(dm, mode, delassus(dm, own, own), y[Y.u_a], y[Y.u_b], n, a, b)
-    np.testing.assert_allclose(F[[F1, A1, L1, COMPLIANCE]], expected, rtol=1e-12, atol=1e-14)
-
-
-@seeds
 def test_the_contact_of_two_slipping_ends(seed):
     """``double_forces``: each end has the friction of its own slip, and no gap opens."""
     rng, dm = scene(seed)
@@ -128,25 +106,6 @@ def test_the_friction_of_an_impact_at_both_ends(seed):
     )
     expected = first[0] + second[0], first[1], second[1]
     np.testing.assert_allclose(pair_friction(dm, (SLIP, SLIP), f_1, f_2, a, b_1, b_2), expected, rtol=1e-13)
-
-
-@seeds
-@pytest.mark.parametrize("modes", [(SLIP, SLIP), (STICK, SLIP), (SLIP, STICK), (STICK, STICK)])
-def test_the_slopes_of_that_friction(seed, modes):
-    """Against differences, with respect to (X_1, X_2, a, b_1, b_2)."""
-    rng, dm = scene(seed)
-    z, J = np.zeros(N_Z), np.zeros((3, 5))
-    z[[ZX1, ZX2]] = rng.uniform(0.5, 1.5, 2)
-    z[[ZA, ZB1, ZB2]] = rng.normal(size=3)
-    friction_slopes(dm, modes, z, 1.5 * z[ZX1] ** 0.5, 1.5 * z[ZX2] ** 0.5, J)
-
-    def friction(x):
-        return np.array(pair_friction(dm, modes, x[0] ** 1.5, x[1] ** 1.5, *x[2:]))
-
-    x, step = z[[ZX1, ZX2, ZA, ZB1, ZB2]], 1e-6
-    for k in range(5):
-        by = step * np.eye(5)[k]
-        np.testing.assert_allclose(J[:, k], (friction(x + by) - friction(x - by)) / (2 * step), atol=1e-8)
 
 
 @seeds

@@ -236,8 +236,8 @@ def test_the_error_stays_near_the_tolerance(tol):
 @pytest.mark.parametrize("tol", [1e-5, 1e-7, 1e-9])
 @pytest.mark.parametrize("v", [0.05, 5.0])
 @pytest.mark.parametrize("e", [0.2, 0.9])
-def test_slip_near_the_axis_is_followed_in_closed_form(e, v, tol):
-    """As far from it as the closed form is taken, s^3 v = tolerance / 100, the turning counts: s^2 v is far above it."""
+def test_slip_near_the_axis_is_followed(e, v, tol):
+    """Where s^3 v = tolerance / 100 the turning counts: s^2 v is far above it."""
     for s, direction in ((s, direction) for s in SIGNS for direction in SIGNS):
         law = end_law(dimer(mu=0.25, e=e), s, 0.1)
         drive = copysign(law.na, direction * law.na)

@@ -260,12 +260,12 @@ def mode_of_pair(dm, c, event):
     if on_1 and on_2 and is_lift_off(event) and not comes_back(dm, c, end_of(event)):
         on_1, on_2 = end_of(event) == 1, end_of(event) == 0
     stays = 0 if on_1 else 1
-    if c.F[COMPLIANCE] < 0.0:
+    if c.F[COMPLIANCE] < 0.0:  # first: then the signs of both forces are turned round
         stays = 0 if c.F[F1] < c.F[F2] else 1
         stays = stays if is_driven_in(dm, c, stays) else 1 - stays
     elif on_1 and on_2:
         return CLOSED
-    elif not on_1 and not on_2 and is_driven_in(dm, c, 0):
+    elif not on_1 and not on_2 and is_driven_in(dm, c, 0):  # each alone: by what drives it, not by the forces of both
         stays = 0
     answer = mode_of_one(dm, c, stays, slip)
     if held and answer == CLOSED and (1.0 - 2.0 * leading(c.modes)) * c.dy[Y.w_b] * dm.l < -NO_FORCE * dm.g:

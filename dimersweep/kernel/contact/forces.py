@@ -7,14 +7,13 @@ differentiated once more, gives no acceleration of the gap: (3) at an end that s
 Their powers are the rates of the works that ride along where they are wanted.
 """
 
-from math import sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, UPRIGHT, Y, leading, slip_of
 from dimersweep.kernel.contact.steep_rod import upright_rates
-from dimersweep.kernel.model.body import attitude, end, level_levers, levers
-from dimersweep.kernel.model.friction import direction, hold_left, hold_left_of_pair, slip_force, slip_mu
+from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers
+from dimersweep.kernel.model.friction import direction, hold_left, hold_left_of_pair, single_forces, slip_force, slip_mu
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.model.plate import acceleration_along, effective_gravity, plate_rate, velocity_along
 from dimersweep.kernel.model.works import ALONG, PLATE_1, PLATE_2, SLIP_1
@@ -83,7 +82,7 @@ def pull_at(dm, phase, theta):
 # --- both ends ----------------------------------------------------------------------------------------------------------
 
 
-@compiled
+@compiled(inline=True)
 def free_rates(dm, p, rod, pull):
     """Rates by (2) without contact forces, h + Q of (A.5) and (A.6), over the plate.
 
@@ -174,35 +173,16 @@ class Single(NamedTuple):
 
 @compiled(inline=True, fuse=True)
 def single_rates(dm, mode, p, rod, pull):
-    """Rates and forces of the contact of one end (p, friction mode): those of ``single_forces``, written out.
-
-    With `push` what they add to beta'' the normal acceleration is n + F / m + arm_n push = 0, the axial one a + A / m + arm_a
-    push, zero at an end that sticks.
-    """
-    sin_b, cos_b, w_b, w_p, spin, u_a, u_b, _ = rod
-    h, r, im, it = p.h, p.r, dm.im, dm.it
-    arm_n, arm_a, arm_b, arm_c = h * cos_b, r - h * sin_b, r * sin_b - h, -r * cos_b
-    turn = w_p / cos_b
-    axial = dm.J_a * it * spin - sin_b * turn
-    d_wb, d_wp = axial * w_p, -axial * w_b
-    swing = h * w_b * w_b
-    n = arm_n * d_wb - sin_b * swing - pull.down
-    a = pull.a + arm_a * d_wb - cos_b * swing - turn * (u_b - arm_b * w_p - arm_c * spin)
-    b = pull.b + arm_b * d_wp + r * w_b * (cos_b * w_p + sin_b * spin) + turn * (u_a - arm_a * w_b)
-    if mode == STICK:
-        push = -(arm_n * n + arm_a * a) / (dm.J_t * im + (h * h + r * r - 2.0 * r * h * sin_b))
-        F, A = -dm.m * (n + arm_n * push), -dm.m * (a + arm_a * push)
-        L = -b / (im + arm_b * arm_b * it + arm_c * arm_c * dm.ia)
-        return Single(d_wb + push, d_wp + arm_b * it * L, arm_c * dm.ia * L, 0.0, 0.0, turn, F, A, L, 1.0)
-    v = sqrt(u_a * u_a + u_b * u_b)
-    k = slip_mu(p, v) / v if v > 0.0 else 0.0
-    c, d = k * u_a, k * u_b
-    yields = im + it * arm_n * (arm_n - c * arm_a)
-    F = -n / yields
-    A, L = -c * F, -d * F
-    push, roll, spun = it * (arm_n * F + arm_a * A), arm_b * it * L, arm_c * dm.ia * L
-    d_a, d_b = a + im * A + arm_a * push, b + im * L + arm_b * roll + arm_c * spun
-    return Single(d_wb + push, d_wp + roll, spun, d_a, d_b, turn, F, A, L, yields * dm.m)
+    """Rates and forces of the contact of one end (p, friction mode)."""
+    d_wb, d_wp, n, a, b = free_rates(dm, p, rod, pull)
+    lv, im = levers(p, rod.sin_b, rod.cos_b), dm.im
+    mu = slip_mu(p, length(rod.u_a, rod.u_b))
+    F, A, L, compliance = single_forces(dm, mu, mode, delassus(dm, lv, lv), rod.u_a, rod.u_b, n, a, b)
+    push, roll, spun = dm.it * (lv.n * F + lv.a * A), lv.b * dm.it * L, lv.c * dm.ia * L
+    d_a, d_b = 0.0, 0.0
+    if mode == SLIP:
+        d_a, d_b = a + im * A + lv.a * push, b + im * L + lv.b * roll + lv.c * spun
+    return Single(d_wb + push, d_wp + roll, spun, d_a, d_b, rod.w_p / rod.cos_b, F, A, L, compliance)
 
 
 @compiled(inline=True)

@@ -4,30 +4,27 @@ from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact import coordinates, events, step_control
+from dimersweep.kernel.contact.contact_mode import MOMENT
 from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, Y, set_slip, slip_of
 from dimersweep.kernel.contact.events import GOES_ON, JAM, LANDING, OUT_OF_STEPS, least_value, motion_rate
-from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, N_F, contact_rates
+from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, N_F
 from dimersweep.kernel.contact.step_control import IMPLICIT, PLAIN_METHOD, RESCALED, TIGHT, Phase, stiffness
 from dimersweep.kernel.contact.works import settle_works, works_to_slip_end
-from dimersweep.kernel.model.body import TWO_PI, end
+from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.numerics.elementary import eighth_root, length
 from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import UNSOUND
 from dimersweep.kernel.numerics.steps import copy, step_factor
 
-MAX_PHASE_STEPS = 200000
-MAX_CHARTS = 20000
-# first step of a phase that begins without force, in turns of its motion: after it the end presses, or lifts off
-FIRST_WITHOUT_FORCE = 1e-5
-LEAST_STEP = 1e-14  # step, in forcing periods, below which the contact force grows beyond all bounds
+MAX_PHASE_STEPS = 200000  # of a phase in one chart: the bound on the work of a run comes first, as a rule
+MAX_CHARTS = 20000  # changes of the chart in a phase
+# step, in forcing periods, below which the contact force grows beyond all bounds, and in which no event hides
+LEAST_STEP = 1e-14
 PLAIN_LEAST_TURN = 0.02  # time in which the slip turns, in forcing periods, below which the plain method is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the rescaled method takes it
-# rate at which the compliance falls, in units of itself and of gamma / v, that calls for the rescaled method
-SOON = 0.1
 BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
 PHASE_TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
-SLIGHT = 1e-6  # turn of the slip over which that rate is taken [rad]
 LONGEST_STEP = 0.25  # longest step, in forcing periods
 # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
 FIRST_PHASE_STEP, FIRST_RESCALED = 1.6, 15.0
@@ -36,7 +33,6 @@ UNSURE_SLIP = 10.0
 HALTING = 1.4  # step over the time to rest of a slip that turns, over the tolerance to the power of 1/16: as measured
 SLIDING = 0.65  # the same of an implicit step: as measured
 RISE = 3.0  # of the step from one to the next, at most, by the rescaled and the implicit method
-SHORTEST = 1e-12  # step, in forcing periods, that is not shortened for an event that may hide in it
 PAST_LANDING = 1.02  # how far past a landing in sight a step goes
 
 
@@ -81,7 +77,7 @@ def sustain_in_chart(p, y):
     natural = eighth_root(p.tol)
     c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * p.dm.period, FIRST_RESCALED * natural
     if without_force(p) >= 0:
-        c.h = FIRST_WITHOUT_FORCE * TWO_PI / motion_rate(p.dm, b.start.y)
+        c.h = MOMENT / motion_rate(p.dm, b.start.y)  # the time after which the force was found to press
     if b.start.F[COMPLIANCE] <= 0.0:
         return JAM
     for _ in range(MAX_PHASE_STEPS):
@@ -108,7 +104,7 @@ def step_on(p):
         return event
     choose_step(p)
     error = step_control.step_to(p, c.now, c.size)
-    factor = step_factor(error, 8.0)
+    factor = step_factor(error)
     if not error <= 1.0 or (c.method == RESCALED and out.y[Y.time] > p.span - c.time):
         return shorten(p, 0.3 if error == inf else min(factor, 0.8))
     b.armed[JAM] = 1.0 if min(start.F[COMPLIANCE], out.F[COMPLIANCE]) < TIGHT else 0.0
@@ -169,18 +165,18 @@ def choose_step(p):
     """Choose the method of the next step and its size."""
     dm, start, c = p.dm, p.b.start, p.control
     v, gamma, left = c.speed, c.stiffness, p.span - c.time
-    method = method_for(p, jams_soon(p))
+    method = method_for(p)
     unended = not p.locate and v <= p.slip_tol  # no event ends it, and rescaled steps would never take it to zero
     unsure = c.time == 0.0 and without_force(p) >= 0  # that step is brief, as c.h says and c.xi does not
     if method == RESCALED and (unended or unsure or 2.0 * c.xi * v / gamma > left):
         method = IMPLICIT
     h = min(c.h, LONGEST_STEP * dm.period)
-    if c.time == 0.0 and method == IMPLICIT:
+    if c.time == 0.0 and method == IMPLICIT:  # a slip that sets out has its direction to find
         h = min(h, 0.5 * FIRST_PHASE_STEP * c.natural * dm.period)
     if method != RESCALED:
         slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c.natural)))
         h = min(h, min(slowing * coordinates.slip_limit(dm, p.modes, start.y, start.dy), landing_in_sight(p)))
-    if method == PLAIN_METHOD and gamma > 0.0:
+    if method == PLAIN_METHOD and gamma > 0.0:  # within the step the force may rise: half the weight at least counts
         h = min(h, PHASE_TURNS * v / max(gamma, stiffness(p, 0.5 * dm.m * dm.g)))
     last = method != RESCALED and h >= left * (1.0 - 1e-12)
     if last:
@@ -189,8 +185,8 @@ def choose_step(p):
 
 
 @compiled(inline=True)
-def method_for(p, tight):
-    """The method that suits the slip as it changes, and as it may jam soon.
+def method_for(p):
+    """The method that suits the slip as it changes, and as it may jam.
 
     A fast spin loads one of two slipping ends by J_a spin theta' / l, and what it rubs then brakes theta' at the rate
     mu spin J_a / J_t, which may be stiff.
@@ -198,22 +194,10 @@ def method_for(p, tight):
     dm, v, gamma, braked = p.dm, p.control.speed, p.control.stiffness, 0.0
     if p.modes[0] == SLIP and p.modes[1] == SLIP:
         braked = max(dm.p1.mu, dm.p2.mu) * abs(p.b.start.y[Y.spin]) * dm.J_a * dm.it
-    if v >= PLAIN_LEAST_TURN * dm.period * gamma:
+    if v >= PLAIN_LEAST_TURN * dm.period * gamma:  # the slip turns slowly, or has no direction to turn (v is inf)
         return IMPLICIT if braked * dm.period > BRAKED else PLAIN_METHOD
+    tight = v > 0.0 and p.b.start.F[COMPLIANCE] <= TIGHT
     return RESCALED if tight or (p.control.speed_rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
-
-
-@compiled(inline=True)
-def jams_soon(p):
-    """Whether the compliance falls to zero as fast as the slip turns."""
-    start, probe, v = p.b.start, p.b.probe, p.control.speed
-    if start.F[COMPLIANCE] > TIGHT or not 0.0 < v < inf:
-        return False
-    t = SLIGHT * v / p.control.stiffness
-    for k in range(N_CLOSED):
-        probe.y[k] = start.y[k] + t * start.dy[k]
-    contact_rates(p.dm, p.modes, p.control.now + p.dm.omega * t, probe.y, False, probe.dy, probe.F)
-    return start.F[COMPLIANCE] - probe.F[COMPLIANCE] > SOON * SLIGHT * start.F[COMPLIANCE]
 
 
 @compiled(inline=True)
@@ -255,7 +239,7 @@ def may_hide_event(p, least, event):
         part = events.hidden_dip(p, c.h)
     if part < 1.0 or (least <= 0.0 and event == LANDING and p.b.start.y[Y.dip] == 0.0):
         c.h *= min(part, 0.5)
-        return c.h > SHORTEST * p.dm.period
+        return c.h > LEAST_STEP * p.dm.period
     return False
 
 
@@ -270,7 +254,7 @@ def stop_at_event(p, least, event):
         least_value(p, b.out, b.values[3])
         dt = b.out.y[Y.time]
         part = events.hidden_dip(p, dt) if events.low_between(p, motion_rate(p.dm, y) * dt) else 1.0
-        if part < 1.0 and dt > SHORTEST * p.dm.period:
+        if part < 1.0 and dt > LEAST_STEP * p.dm.period:
             c.h = part * dt
             return GOES_ON
     go_to_end(p)

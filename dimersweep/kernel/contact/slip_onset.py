@@ -6,13 +6,14 @@ from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import put_slip, put_slips, slip_of
 from dimersweep.kernel.contact.forces import F1, take_rates
 from dimersweep.kernel.numerics.elementary import atan2, length
+from dimersweep.kernel.numerics.root_bracket import MAX_NEWTON
 from dimersweep.kernel.numerics.sincos import sincos
 
 ONSET_DIRECTIONS = 48  # directions looked at for a change of sign
 SLANT = 1e-7  # change of direction in a finite difference [rad]
 # the same of two ends, over the tangent: coarse enough for the smallest slips, whose last digits are rounded
 PAIR_SLANT = 1e-4
-PAIR_NEWTON, PAIR_KNOWN = 12, 1e-6  # Newton iterations of two ends at most, and the change that ends them
+PAIR_KNOWN = 1e-6  # change of the directions of two ends, over the tangent, that ends Newton's rule
 # slips with which one end and two set out, in units of the one that counts as none: steps resolve that of two, and its
 # direction bears rounding
 SINGLE_SPEED, PAIR_SPEED = 0.5, 10.0
@@ -38,7 +39,7 @@ def set_out(dm, c, i, phi):
 @compiled
 def settle_near(dm, c, i, phi):
     """Outward direction near phi, by Newton's rule, into y; whether there is one."""
-    for _ in range(20):
+    for _ in range(MAX_NEWTON):
         across, along = set_out(dm, c, i, phi)
         beside, _ = set_out(dm, c, i, phi + SLANT)
         slope = (beside - across) / SLANT
@@ -125,7 +126,7 @@ def pair_onset(dm, c, side, b_1, b_2):
 @compiled
 def settle_pair(dm, c, side, b_1, b_2):
     """Such directions near (1, b_i) times `side`, by Newton's rule, into y; whether there are any."""
-    for _ in range(PAIR_NEWTON):
+    for _ in range(MAX_NEWTON):
         along, r_1, r_2 = set_out_as_pair(dm, c, side, b_1, b_2)
         d_1, d_2 = PAIR_SLANT * (1.0 + abs(b_1)), PAIR_SLANT * (1.0 + abs(b_2))
         _, s_11, s_21 = set_out_as_pair(dm, c, side, b_1 + d_1, b_2)

@@ -14,11 +14,11 @@ from dimersweep.kernel.model.plate import bound_of_acceleration
 from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.sincos import sincos
 
-MAX_LANDING_PROBES = 10000
+MAX_LANDING_PROBES = 10000  # of a flight, for one end
 SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
-EPS = 2.3e-16
+EPS = 2.3e-16  # round-off of a number, in units of itself
 SHORT = 0.9  # first try of a safe step, over the fall of the parabola
-SHRINK, MAX_TRIES = 0.65, 100
+SHRINK, MAX_TRIES = 0.65, 100  # the next try over the last one, and the most of them
 PAST_CUBIC = 1.2  # how far past the zero of a cubic the gap must fall, in units of the step to it
 NEWTON = 8  # steps of Newton's rule to that zero
 ROUNDED_HEIGHT = 1e-13  # what a height may be off, in units of what it is the difference of

@@ -20,7 +20,6 @@ from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.friction import direction, hold_left, outward_slip, slip_force, slip_strength
 from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.elementary import length, raised
-from dimersweep.kernel.numerics.steps import clear
 
 # state of the impact: gap rates, compressions, axial and lateral velocities; beyond what steps control (`steps.WIDTH`), where
 # they are wanted, what slip takes at both ends
@@ -85,12 +84,6 @@ def force_in_clock(dm, clock, i, X):
 def forces(dm, z, clock):
     """f_1, f_2 from a state in a clock."""
     return force_in_clock(dm, clock, 0, z[ZX1]), force_in_clock(dm, clock, 1, z[ZX2])
-
-
-@compiled
-def force_slope(dm, i, X):
-    """df_i/dX_i."""
-    return dm.eta * force(dm, i, X) / X if X > 0.0 else 0.0
 
 
 @compiled
@@ -162,45 +155,6 @@ def rates_in_clock(dm, modes, gains, clock, z):
 def impact_rates(dm, modes, gains, clock, z, out):
     """Rates of the state z of a double impact in the given clock, into `out`: see `rates_in_clock`."""
     out[ZN1], out[ZN2], out[ZX1], out[ZX2], out[ZA], out[ZB1], out[ZB2] = rates_in_clock(dm, modes, gains, clock, z)
-
-
-@compiled
-def friction_slopes(dm, modes, z, g_1, g_2, J):
-    """Partial derivatives of (A, L_1, L_2) with respect to (X_1, X_2, a, b_1, b_2) into J (3, 5); g_i = df_i/dX_i."""
-    clear(J, 3, 5)
-    a, held = z[ZA], modes[0] == STICK or modes[1] == STICK
-    if held:
-        J[0, 0], J[0, 1] = -dm.pair.na_1 * g_1 / dm.pair.aa, -dm.pair.na_2 * g_2 / dm.pair.aa
-    for i in range(2):
-        mu, g, b, j = end(dm, i).mu_hit, g_1 if i == 0 else g_2, z[ZB1 + i], 1 - i
-        v = length(a, b)
-        if held and modes[i] != STICK:
-            J[1 + i, i] = -mu * g * copysign(1.0, b)
-            J[1 + j, i] = -dm.pair.bb_12 / lateral_of(dm, j) * J[1 + i, i]
-        elif not held and v > 0.0:
-            c, s, k = a / v, b / v, slip_strength(mu, force(dm, i, z[ZX1 + i]), v)
-            J[0, i], J[1 + i, i] = -mu * g * c, -mu * g * s
-            J[0, 2] -= k * s * s
-            J[0, 3 + i], J[1 + i, 2], J[1 + i, 3 + i] = k * c * s, k * c * s, -k * c * c
-
-
-@compiled
-def impact_jacobian(dm, modes, gains, z, F, J):
-    """Jacobian of ``impact_rates`` in the plain clock into J (7, 7); F (3, 5) is scratch."""
-    g_1, g_2 = force_slope(dm, 0, z[ZX1]), force_slope(dm, 1, z[ZX2])
-    friction_slopes(dm, modes, z, g_1, g_2, F)
-    clear(J, N_Z, N_Z)
-    for k in range(5):
-        f_1 = g_1 if k == 0 else 0.0
-        f_2 = g_2 if k == 1 else 0.0
-        A, L_1, L_2 = F[0, k], F[1, k], F[2, k]
-        J[ZN1, 2 + k] = dm.pair.nn_1 * f_1 + dm.pair.nn_12 * f_2 + dm.pair.na_1 * A
-        J[ZN2, 2 + k] = dm.pair.nn_12 * f_1 + dm.pair.nn_2 * f_2 + dm.pair.na_2 * A
-        J[ZA, 2 + k] = dm.pair.na_1 * f_1 + dm.pair.na_2 * f_2 + dm.pair.aa * A
-        J[ZB1, 2 + k] = dm.pair.bb_1 * L_1 + dm.pair.bb_12 * L_2
-        J[ZB2, 2 + k] = dm.pair.bb_12 * L_1 + dm.pair.bb_2 * L_2
-    J[ZX1, ZN1] = -gains[0]
-    J[ZX2, ZN2] = -gains[1]
 
 
 @compiled

@@ -1,7 +1,7 @@
 """One leg of an impact at both ends, from its start to its first event.
 
-DOP853 integrates it. The direction of a slow slip is stiff; most slips are slow for a moment only, in which steps within what
-the method bears are the cheapest. Where a slip stays slow Rodas5P takes over.
+DOP853 integrates it. The direction of a slow slip is stiff, and steps stay within what the method bears: most slips are slow
+for a moment only. One that stays slow, because its drive and friction balance, is soon taken for one that sticks.
 """
 
 from math import inf, sqrt
@@ -22,15 +22,17 @@ from dimersweep.kernel.impact.double_equations import (
     force,
     forces,
     from_clock,
+    impact_rates,
     lateral_of,
+    rates_in_clock,
+    rub_rates,
     stick_reserve,
     to_clock,
 )
-from dimersweep.kernel.impact.double_step import Leg, leg_rates, leg_rows, leg_step
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.elementary import eighth_root, length, nearly_raised
-from dimersweep.kernel.numerics.meter import is_over
+from dimersweep.kernel.numerics.meter import charge, is_over
 from dimersweep.kernel.numerics.root_bracket import (
     CARRIED,
     PROBE_FOUND,
@@ -43,22 +45,94 @@ from dimersweep.kernel.numerics.root_bracket import (
     set_bracket,
     zero_on_cubic,
 )
-from dimersweep.kernel.numerics.steps import WIDTH, copy, on_cubic, step_factor
+from dimersweep.kernel.numerics.steps import WIDTH, copy, explicit_step, on_cubic, step_factor
 
-MAX_LEG_STEPS = 20000
+MAX_LEG_STEPS = 1_000_000  # a slip that hardly sets out takes thousands of steps, the smaller the tolerance the more
 N_LEG_EVENTS = 8
+LEG_ROWS = 20
+LEG_COST = 0.5  # of a step, in hops of one end: as measured
 OUT_OF_LEG_STEPS, GOES_ON = -1, -2  # in place of an event
 FIRST_LEG_STEP = 4.0  # first step, over the tolerance to the power of 1/8
-LEG_TURNS = 5.5  # of a slip, that an explicit step may span: what the method bears
-SLOW_SLIP_STEP = 0.01  # explicit step below which a slip is slow
-LASTS = 30  # such steps in a row, after which the implicit method takes over
+LEG_TURNS = 5.5  # of a slip, that a step may span: what the method bears
+LASTS = 30  # steps in a row with a slip that counts as none, after which it sticks where it can be held
 NEAR_PROBE = 0.3  # distance that one evaluation crosses as well as the tolerance, over its cubic root
 ZERO_ERROR = 1e-3  # what an event function may be off its zero, in units of the tolerance
 SLIP_ENDS_AT = 0.25  # slip, in units of the one that counts as none, at which a slip ends: it sets out with more
 UNFORESEEN = 1e-3  # error over the tolerance below which the last step does not show how errors change
 # second step of a leg that sets out uncompressed, over the first: its error does not show how large the next ones are
 SECOND_STEP = 0.95
-RUB = 0.02  # friction, in units of a slip's own rate, from which it steers the slip
+
+
+class Stride:
+    """What one step of a leg leaves to the next."""
+
+    clock: int
+    pace: float  # dtau/dsigma of that clock at the start of the step
+    h: float  # size of the step, or of the next one
+    longest: float
+    turning: float  # time in which friction turns the slip that it turns fastest
+    slow: int  # steps in a row after which a slip is so slow that it might be held
+    near: float  # way over which a probe may carry the last one on
+    faint: float  # compression that is worth a gap rate of the tolerance
+    uncompressed: bool  # whether the leg sets out so
+    clock_before: int  # of the last step that was taken, if any, with its size, and its error over the tolerance
+    h_before: float
+    error_before: float
+
+
+class Leg(NamedTuple):
+    """A leg of an impact at both ends, and rows of scratch by what they hold during a step of it."""
+
+    dm: Any
+    modes: Any
+    compressing: Any
+    tol: float
+    slip_tol: float
+    n: int  # entries of the state that are integrated
+    stride: Any
+    meter: Any
+    bracket: Any
+    K: Any  # slopes of the stages, the first of them at the start of the step
+    start: Any  # state at the start of the step, and state and rates at its end
+    out: Any
+    rates_out: Any
+    scale: Any
+    gains: Any
+    armed: Any  # event functions that have been positive
+    probe: Any
+    rates_probe: Any
+
+
+@compiled(inline=True)
+def leg_rows(rows):
+    """The rows of a leg, in the order in which it has them, on scratch of at least LEG_ROWS."""
+    return rows[0:12], rows[12], rows[13], rows[14], rows[15], rows[16], rows[17], rows[18], rows[19]
+
+
+@compiled(inline=True)
+def stage_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
+    """Slopes of a stage of an explicit step; the last entry that it controls is not used."""
+    z, clock = (n_1, n_2, X_1, X_2, a, b_1, b_2), leg.stride.clock
+    if leg.n > WIDTH:
+        rub_rates(leg.dm, leg.modes, clock, z, leg.K[i])
+    rates = rates_in_clock(leg.dm, leg.modes, leg.gains, clock, z)
+    return rates[0], rates[1], rates[2], rates[3], rates[4], rates[5], rates[6], 0.0
+
+
+@compiled(inline=True)
+def leg_rates(leg, z, out):
+    """Rates of a state in the clock of a leg, and of what slip takes, where it is wanted."""
+    clock = leg.stride.clock
+    impact_rates(leg.dm, leg.modes, leg.gains, clock, z, out)
+    if leg.n > WIDTH:
+        rub_rates(leg.dm, leg.modes, clock, z, out)
+
+
+@compiled
+def leg_step(leg, h):
+    """One step of size h from its start into `out`; returns the error over the tolerance."""
+    charge(leg.meter, LEG_COST)
+    return explicit_step(stage_slopes, leg, h, leg.start, leg.K, leg.n, leg.scale, leg.out)
 
 
 @compiled
@@ -157,25 +231,18 @@ def arm_events(leg, z):
 
 @compiled(inline=True)
 def heed_slips(leg, z):
-    """Have the step leave a slip about a tenth of itself where friction has it decrease; set the unit of the slips' errors.
-
-    In an implicit step a slip that sets out of rest against friction remembers its first direction, so that its errors count
-    relative to itself; else the approach speed is the unit.
-    """
-    dm, s, rates = leg.dm, leg.stride, leg.K[0]
-    s.unit = 1.0
+    """Have the step leave a slip about a tenth of itself where friction has it decrease."""
+    rates = leg.K[0]
     for i in range(2):
-        v, mu = length(z[ZA], z[ZB1 + i]), end(dm, i).mu_hit
-        if leg.modes[i] == SLIP and v > 0.0 and mu > 0.0:
+        v = length(z[ZA], z[ZB1 + i])
+        if leg.modes[i] == SLIP and v > 0.0 and end(leg.dm, i).mu_hit > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
             if rate < 0.0:
-                s.h = min(s.h, -0.9 * v / rate)
-            elif s.stiff and rate > 0.0 and mu * force(dm, i, z[ZX1 + i]) * dm.pair.aa > RUB * rate:
-                s.unit = min(s.unit, v)
+                leg.stride.h = min(leg.stride.h, -0.9 * v / rate)
 
 
 @compiled
-def stays_slow(dm, modes, z, slip_tol):
+def might_stick(dm, modes, z, slip_tol):
     """Number of an end whose slip counts as none and that friction can hold, -1 if there is none.
 
     Where drive and friction balance, a slip goes on at a speed below all that counts.
@@ -195,7 +262,7 @@ def stays_slow(dm, modes, z, slip_tol):
 def foreseen(h, error, h_before, error_before):
     """By what to multiply a step, if errors go on to change as from the step before to this one (Gustafsson's controller)."""
     root = sqrt(sqrt(sqrt(max(error_before, UNFORESEEN) / max(error * error, 1e-30))))
-    return max(0.3, 0.9 * h / h_before * root)
+    return max(0.3, 0.9 * h / h_before * root)  # an eighth root: the errors go with the eighth power of the step
 
 
 @compiled(inline=True)
@@ -220,19 +287,17 @@ def begin_leg(leg, z, e):
 
 @compiled(inline=True)
 def begin_step(leg, z):
-    """The state and the rates at the start of a step, by the method and in the clock that suit, and what bounds its size."""
+    """The state and the rates at the start of a step, in the clock that suits, and what bounds its size."""
     dm, modes, s = leg.dm, leg.modes, leg.stride
     s.turning = turning_time(dm, modes, z)
-    s.slow = s.slow + 1 if LEG_TURNS * s.turning < SLOW_SLIP_STEP else 0
-    s.stiff = s.slow > LASTS
-    last, s.clock = s.clock, PLAIN_CLOCK if s.stiff else ruling_clock(dm, z, leg.gains, s.faint)
+    last, s.clock = s.clock, ruling_clock(dm, z, leg.gains, s.faint)
     s.pace = clock_rate(s.clock, z)
     if s.clock != last:
         s.h = min(s.h * clock_rate(last, z) / s.pace, s.longest)
     copy(z, leg.start, leg.n)
     to_clock(s.clock, leg.start)
     leg_rates(leg, leg.start, leg.K[0])
-    if not s.stiff and s.h * s.pace > LEG_TURNS * s.turning:
+    if s.h * s.pace > LEG_TURNS * s.turning:
         s.h = LEG_TURNS * s.turning / s.pace
     heed_slips(leg, z)
 
@@ -243,16 +308,15 @@ def step_on(leg, z):
     s = leg.stride
     begin_step(leg, z)
     error = leg_step(leg, s.h)
-    factor = step_factor(error, 5.0 if s.stiff else 8.0)
+    factor = step_factor(error)
     if not error <= 1.0:
         s.h *= factor
         return GOES_ON
-    if not s.stiff:
-        if s.h_before > 0.0 and s.clock == s.clock_before:
-            factor = min(factor, foreseen(s.h, error, s.h_before, s.error_before))
-        elif s.uncompressed:
-            factor = min(factor, SECOND_STEP)
-        s.h_before, s.error_before, s.clock_before = s.h, error, s.clock
+    if s.h_before > 0.0 and s.clock == s.clock_before:
+        factor = min(factor, foreseen(s.h, error, s.h_before, s.error_before))
+    elif s.uncompressed:
+        factor = min(factor, SECOND_STEP)
+    s.h_before, s.error_before, s.clock_before = s.h, error, s.clock
     least, event = least_value(leg, leg.out)
     if least > 0.0:
         arm_events(leg, leg.out)
@@ -266,10 +330,10 @@ def step_on(leg, z):
     # a slip that has only turned by a right angle goes on
     if least <= 0.0 and (event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * leg.slip_tol):
         return event
-    if s.stiff:
-        still = stays_slow(leg.dm, leg.modes, z, leg.slip_tol)
-        if still >= 0:
-            return 6 + still
+    still = might_stick(leg.dm, leg.modes, z, leg.slip_tol)
+    s.slow = s.slow + 1 if still >= 0 else 0
+    if s.slow > LASTS:
+        return 6 + still
     s.h *= factor
     return GOES_ON
 
@@ -334,7 +398,7 @@ def first_crossing(leg, event, least):
     """
     s, bracket, smooth = leg.stride, leg.bracket[0], event < 6
     g_low, _ = least_value(leg, leg.start)
-    s.near, s.unit, guess, slope = 0.0, 1.0, 0.0, 0.0
+    s.near, guess, slope = 0.0, 0.0, 0.0
     if smooth:
         brisk = s.turning / s.pace if s.longest * s.pace > s.turning else s.longest
         s.near = NEAR_PROBE * nearly_raised(leg.tol, 1.0 / 3.0) * brisk

@@ -21,8 +21,7 @@ from dimersweep.kernel.impact.double_equations import (
     impact_rates,
     stored_energy,
 )
-from dimersweep.kernel.impact.double_leg import OUT_OF_LEG_STEPS, double_leg
-from dimersweep.kernel.impact.double_step import LEG_ROWS
+from dimersweep.kernel.impact.double_leg import LEG_ROWS, OUT_OF_LEG_STEPS, double_leg
 from dimersweep.kernel.impact.single_impact import OTHER, EndLaw, begin_blow, single_phase
 from dimersweep.kernel.model.body import (
     attitude,
@@ -44,13 +43,12 @@ from dimersweep.kernel.numerics.elementary import length, raised
 from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import copy
 
-MAX_PHASES = 2000
+MAX_PHASES = 2000  # switches of two ends, a series that ends by `LEFT_OVER` long before
 PHASE_COST = 1.0  # of a phase of an impact at both ends besides its steps, in hops of one end
-# approach, in tolerances and in V, that ends the series of switches of two ends at small e
-LEFT_OVER, LEAST_LEFT = 1e-3, 1e-13
+LEFT_OVER = 1e-3  # approach, in tolerances, that ends the series of switches of two ends at small e
+FINEST = 1e-13  # least approach, in V, and tolerance of a leg: what round-off allows
 DOUBLE_TOL = 0.2  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
 NO_REBOUND = 0.1  # rebound that is none, in units of the impact's tolerance
-FINEST_LEG_TOL, COARSEST_LEG_TOL = 5e-14, 1e-4  # of that integrator: what round-off allows, what finds events easily
 LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
 IMPACT_SLIP_SCALE = 0.1  # slip that counts as none, in units of the impact's tolerance
 
@@ -230,7 +228,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         OK or the reason; rows logged.
     """
     slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), slip_rounding(dm, state) / V)
-    left, leg_tol = max(LEFT_OVER * tol, LEAST_LEFT), max(min(DOUBLE_TOL * tol, COARSEST_LEG_TOL), FINEST_LEG_TOL)
+    left, leg_tol = max(LEFT_OVER * tol, FINEST), max(DOUBLE_TOL * tol, FINEST)
     least = raised(left, 2.0 / (dm.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
     more = work.rows[LEG_ROWS:]
     z, start, before, mid, compressing = more[0], more[1], more[2], more[3], more[4]

@@ -30,14 +30,14 @@ from dimersweep.kernel.impact.expansion import (
 )
 from dimersweep.kernel.model.friction import holds_axially, slip_force
 from dimersweep.kernel.model.layout import IMPACT_STEPS, JAMMED, OK, SLIP, STICK
-from dimersweep.kernel.numerics.elementary import exp, expm1, length, log1p
+from dimersweep.kernel.numerics.elementary import exp, length
 from dimersweep.kernel.numerics.meter import charge, is_over
 
 OTHER, LEG = -1, -2  # in place of a status: the other end begins to be compressed; the impact goes on with the next leg
-MAX_LEGS = 200
-MAX_SINGLE_STEPS = 2000
+MAX_LEGS = 200  # an impact has a few: it compresses, slips, sticks and is restored
+MAX_SINGLE_STEPS = 2000  # expansions of a leg
 EXPANSION_COST = 0.35  # of a step by expansion, in hops of one end: as measured
-OFF_AXIS = 0.1  # sine of the angle to an axial direction below which its expansion is in powers of that
+OFF_AXIS = 0.1  # sine of the angle to an axial direction below which that is the invariant one
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
 ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
 CONVERGES, MAX_TERMS = 0.4, 80  # ratio of the terms in closed form below which they are summed, and the most of them
@@ -113,48 +113,9 @@ def turns_away(law, c):
 
 @compiled
 def is_invariant(law, v, c, s, tol):
-    """Whether slip along (c, s) keeps its direction: to rounding, or so near to an attracting one that the rates do.
-
-    Near an axial direction they change with s^2 only; what that does while s dies out is known to the next order.
-    """
+    """Whether slip along (c, s) keeps its direction: to rounding, or so near to an attracting one that the rates do."""
     rate, slope = turning(law, c, s)
-    if abs(rate) <= INVARIANT:
-        return True
-    off = abs(s * s * s) if abs(s) < OFF_AXIS else abs(rate / slope)
-    return slope < 0.0 and v * off <= ATTRACTED * tol
-
-
-@compiled
-def integral(k, x):
-    """Integral of exp(k x) from zero to x; with k < 0 where x is infinite."""
-    if x == inf:
-        return -1.0 / k
-    return expm1(k * x) / k if abs(k * x) > 1e-12 else x
-
-
-@compiled
-def integral_of_integral(k, w, x):
-    """Integral over x of exp(w x) times that of exp(k x); not both k and w are zero."""
-    if abs(k) >= abs(w):
-        return (integral(k + w, x) - integral(w, x)) / k
-    return integral(k, x) * integral(w, x) - (integral(k + w, x) - integral(k, x)) / w
-
-
-@compiled
-def swerve(w_v, slope, v, b, P):
-    """What is left of the turning while slip near an axial direction goes on over an impulse P.
-
-    With dv/dP = w_v, v = v_0 exp(w_v xi), the direction comes nearer to the axis as s = s_0 exp(slope xi), slope < 0.
-
-    Returns
-    -------
-    S, S_1, b : float
-        Integral of s^2 / 2 over P, that of S, and the lateral slip that is left.
-    """
-    x = w_v * P / v
-    xi = inf if x <= -1.0 else P / v * (log1p(x) / x if abs(x) > 1e-12 else 1.0)
-    g, size = 2.0 * slope + w_v, 0.5 * b * b / v
-    return size * integral(g, xi), size * v * integral_of_integral(g, w_v, xi), b * (1.0 + x) * exp(slope * xi)
+    return abs(rate) <= INVARIANT or (slope < 0.0 and v * abs(rate / slope) <= ATTRACTED * tol)
 
 
 @compiled
@@ -296,16 +257,8 @@ def turning_leg(law, blow, tol, work):
 
 
 @compiled
-def later_zero(P, change, rate):
-    """When a function that falls to zero at P, at this rate, does so if it has changed a little."""
-    return max(0.0, P - change / rate) if inf > P else inf
-
-
-@compiled
 def straight_leg(law, blow, c, s):
     """One leg at constant rates: sticking, or slipping along the direction (c, s); closed form.
-
-    With s = 0 and b != 0 the slip is near the axis: what is left of its turning changes all rates by little.
 
     Returns
     -------
@@ -326,26 +279,16 @@ def straight_leg(law, blow, c, s):
     P = min(min(P_n, P_E), min(P_j, P_v))
     if inf == P:
         return JAMMED
-    rub, rub_1, more, b_left = 0.0, 0.0, 0.0, b + w_b * P
-    _, slope = turning(law, c, 0.0)
-    if s == 0.0 and b != 0.0 and law.mu > 0.0 and slope < 0.0 and not stick:
-        S, S_1, b_left = swerve(w_v, slope, v, b, P)
-        rub, rub_1 = -t_a * S, -t_a * S_1
-        turned = 2.0 * law.mu * (law.aa - law.bb)
-        slower, more = turned * S - law.na * rub / law.mu, turned * S_1 - law.na * rub_1 / law.mu
-        P_n, P_j = later_zero(P_n, law.na * rub, w), later_zero(P_j, law.na_j * rub, w_j)
-        P_E, P_v = later_zero(P_E, -law.na * rub_1, -(n + w * P_E)), later_zero(P_v, slower, w_v)
-        P = min(min(P_n, P_E), min(P_j, P_v))
-    worked = P * (n + 0.5 * w * P) + law.na * rub_1
+    worked = P * (n + 0.5 * w * P)
     blow.E = 0.0 if P == P_E else max(0.0, blow.E - gain(law, blow) * worked)
-    blow.n = 0.0 if P_n == P else n + w * P + law.na * rub
-    blow.n_j = 0.0 if P_j == P else blow.n_j + w_j * P + law.na_j * rub
+    blow.n = 0.0 if P_n == P else n + w * P
+    blow.n_j = 0.0 if P_j == P else blow.n_j + w_j * P
     if P_v == P:
         blow.a, blow.b = 0.0, 0.0
     elif not stick:
-        blow.a, blow.b = a + w_a * P + law.aa * rub, b_left
-    way = 0.0 if stick else P * (v + 0.5 * w_v * P) + more  # integral of the slip over P
-    add(blow, P, t_a * P + rub, (blow.b - b) / law.bb, -law.mu * way)
+        blow.a, blow.b = a + w_a * P, b + w_b * P
+    way = 0.0 if stick else P * (v + 0.5 * w_v * P)  # integral of the slip over P
+    add(blow, P, t_a * P, (blow.b - b) / law.bb, -law.mu * way)
     return OTHER if law.both > 0.0 and blow.n_j == 0.0 and w_j < 0.0 else LEG
 
 
@@ -364,9 +307,11 @@ def begin_leg(law, blow, tol):
         blow.mode = STICK if holds else SLIP
         return 1.0 if law.na > 0.0 else -1.0, 0.0, False
     c, s = blow.a / v, blow.b / v
-    if not is_invariant(law, v, c, s, tol):
-        return c, s, True
-    return (copysign(1.0, c), 0.0, False) if abs(s) < OFF_AXIS else (c, s, False)
+    turns = not is_invariant(law, v, c, s, tol)
+    if turns or abs(s) > OFF_AXIS:
+        return c, s, turns
+    blow.B, blow.b = blow.B - blow.b / law.bb, 0.0  # the rest across the axis is none, and dies out
+    return copysign(1.0, c), 0.0, False
 
 
 @compiled

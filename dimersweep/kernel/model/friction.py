@@ -5,8 +5,8 @@ is at most ``hold`` times F: mu_h in lasting contact, mu_s inside an impact. Bot
 of two held ends only the sum of the axial parts is determined, and they hold where some split of it does.
 
 Forces, impulses and forces per clock of an impact all obey this law. Closed forms of it, written out for speed where many
-are needed: ``forces.single_rates`` (sustained contact), ``double_equations.friction``,
-``single_impact.straight_leg``, ``turning`` and ``expansion`` (impacts). Each is tested against the functions here.
+are needed: ``double_equations.friction``, ``single_impact.straight_leg``, ``turning`` and ``expansion`` (impacts). Each is
+tested against the functions here.
 """
 
 from math import sqrt
@@ -14,9 +14,9 @@ from math import sqrt
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.layout import STICK
 from dimersweep.kernel.numerics.elementary import length
+from dimersweep.kernel.numerics.root_bracket import MAX_NEWTON
 
 LEAST_COSINE = 1e-6  # to the axis, of the friction of an end that is held to the sides only: below it, rounding
-MAX_ONSET_NEWTON = 30  # of Newton's rule for the direction of a slip out of rest
 
 
 @compiled
@@ -66,7 +66,7 @@ def outward_slip(drive_a, drive_b, k_a, k_b):
     if size == 0.0:
         return 1.0, 0.0
     rate = max(0.0, max(abs(drive_a) - k_a, abs(drive_b) - k_b))
-    for _ in range(MAX_ONSET_NEWTON):
+    for _ in range(MAX_NEWTON):
         d_a, d_b = drive_a / (rate + k_a), drive_b / (rate + k_b)
         size = length(d_a, d_b)
         step = (size - 1.0) * size * size / (d_a * d_a / (rate + k_a) + d_b * d_b / (rate + k_b))

@@ -14,8 +14,6 @@ from dimersweep.kernel.numerics.sincos import TO_WHOLE
 
 PER_LN2, LN2_HIGH, LN2_LOW = 1.44269504088896338700, 6.93147180369123816490e-01, 1.90821492927058770002e-10
 LEAST_EXP, MOST_EXP = -708.0, 709.0  # exponents beyond which exp x is taken for zero, or for infinite
-WITHOUT_ONE = -40.0  # below, exp(x) - 1 is -1
-NEAR = 0.7  # up to here exp(x) - 1 is its series
 # 1 / n! from n = 2 on
 E2, E3, E4, E5, E6, E7, E8, E9 = 1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720, 1 / 5040, 1 / 40320, 1 / 362880
 E10, E11, E12, E13 = 1 / 3628800, 1 / 39916800, 1 / 479001600, 1 / 6227020800
@@ -42,7 +40,7 @@ EIGHTH_HIGH, EIGHTH_LOW = 7.85398163397448278999e-01, 3.06161699786838301793e-17
 
 @compiled(fuse=True)
 def series(x):
-    """exp(x) - 1 for an x of at most `NEAR`."""
+    """exp(x) - 1 for an x of at most half of ln 2."""
     z = x * x
     w = z * z
     low = (E2 + x * E3) + z * (E4 + x * E5) + w * ((E6 + x * E7) + z * (E8 + x * E9))
@@ -80,18 +78,6 @@ def exp(x):
     return exp_of_pair(x, 0.0)
 
 
-@compiled
-def expm1(x):
-    """exp(x) - 1; inf where x is beyond `MOST_EXP`."""
-    if abs(x) <= NEAR:
-        return series(x)
-    if not WITHOUT_ONE <= x <= MOST_EXP:
-        return -1.0 if x < WITHOUT_ONE else (inf if x > MOST_EXP else nan)
-    k, e = reduced_exp(x, 0.0)
-    unit = two_to(k)
-    return unit * e + (unit - 1.0)
-
-
 # --- logarithm and powers -----------------------------------------------------------------------------------------------
 
 
@@ -117,23 +103,11 @@ def log_rest(s):
 
 @compiled
 def log(x):
-    """log(x) for a finite x > 0."""
+    """log(x) for a finite x > 0, to 1.7 units in the last place."""
     k, m = mantissa(x)
     f = m - 1.0
     s = f / (2.0 + f)
     return k * LN2_HIGH + (2.0 * s + (s * log_rest(s) + k * LN2_LOW))
-
-
-@compiled
-def log1p(x):
-    """log(1 + x) for x > -1; -inf for -1."""
-    if not -1.0 < x < inf:
-        return -inf if x == -1.0 else (x if x == inf else nan)
-    u = 1.0 + x
-    k, m = mantissa(u)
-    f, left = (x, 0.0) if k == 0 else (m - 1.0, ((x - (u - 1.0)) if x < 1.0 else (1.0 - (u - x))) / u)
-    s, half = f / (2.0 + f), 0.5 * f * f
-    return k * LN2_HIGH - ((half - (s * (half + log_rest(s)) + (k * LN2_LOW + left))) - f)
 
 
 @compiled

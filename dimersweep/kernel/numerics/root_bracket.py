@@ -8,12 +8,13 @@ from math import inf
 
 from dimersweep.kernel.compiler.jit import compiled
 
-MAX_ROOT_PROBES = 160
+MAX_ROOT_PROBES = 160  # halvings end it long before
+MAX_NEWTON = 30  # iterations of Newton's rule, which ends by itself long before, or finds nothing
 CARRIED = 0.1  # way over which a probe may carry the last one on, in units of its place: its error is one of that
 # in place of an event: a probe within the step is worse than the step itself, which has passed over a singularity
 UNSOUND = -3
 PROBE_LOOK_ON, PROBE_FOUND, PROBE_REFUSED = range(3)  # the verdict of a probe
-# evaluations, change of the function that is left, and way to its slope
+# of the first guess on a cubic: evaluations, change of the function that is left, and way to its slope
 ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = 12, 1e-6, 1e-3
 GUESSES = 6  # probes by Newton's rule, after which the bracket alone decides
 

@@ -1,13 +1,12 @@
-"""Pieces of the two one-step methods that every phase shares: stage sums, error norms, step control, dense solves."""
+"""One step of DOP853, which every phase shares: stage sums, error norms, step control; and dense solves."""
 
 from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.numerics.elementary import eighth_root, nearly_raised
-from dimersweep.kernel.numerics.tableaux import DOP_A, DOP_E3, DOP_E5, DOP_SKIPPED, ROS_A, ROS_CC
+from dimersweep.kernel.numerics.elementary import eighth_root
+from dimersweep.kernel.numerics.tableaux import DOP_A, DOP_E3, DOP_E5, DOP_SKIPPED
 
 DOP_STAGES = 12
-ROS_STAGES = 8
 WIDTH = 8  # entries of a state that DOP853 controls: a loop over them in registers
 
 
@@ -16,14 +15,6 @@ def copy(source, target, n):
     """Copy the first n entries (a slice assignment compiles ten times as slowly)."""
     for k in range(n):
         target[k] = source[k]
-
-
-@compiled
-def clear(A, rows, columns):
-    """Set the leading block of A to zero."""
-    for i in range(rows):
-        for j in range(columns):
-            A[i, j] = 0.0
 
 
 @compiled(fuse=True, inline=True)
@@ -110,32 +101,12 @@ def explicit_step(slopes, problem, h, y, K, n, scale, out):
     return explicit_finish(h, y, K, n, scale, out)
 
 
-@compiled(fuse=True)
-def implicit_stage(i, y, K, n, out):
-    """Argument of stage i of Rodas5P, into `out`."""
-    for k in range(n):
-        total = y[k]
-        for j in range(i):
-            total += ROS_A[i, j] * K[j, k]
-        out[k] = total
-
-
-@compiled(fuse=True)
-def implicit_load(i, h, K, n, f):
-    """Add the couplings to earlier stages to the right-hand side f of stage i, in place."""
-    for k in range(n):
-        total = 0.0
-        for j in range(i):
-            total += ROS_CC[i, j] * K[j, k]
-        f[k] += total / h
-
-
 @compiled
-def step_factor(error, order):
+def step_factor(error):
     """By what to multiply the step after one with this error."""
     if not error < inf:
         return 0.1
-    root = eighth_root(error) if order == 8.0 else nearly_raised(error, 1.0 / order)
+    root = eighth_root(error)
     return max(0.1, 0.9 / root) if root > 0.18 else 5.0
 
 

@@ -31,7 +31,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.model.plate import keeps_speed
 from dimersweep.kernel.verdict.past import RING, double, strobe
-from dimersweep.kernel.verdict.settling import SETTLED_PERIODS, settled_period, spin_drift, whole
+from dimersweep.kernel.verdict.settling import SETTLED_PERIODS, SLOW_SPEED, settled_period, spin_drift, whole
 from dimersweep.kernel.verdict.track import track_of
 
 DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
@@ -41,7 +41,7 @@ SPAN = 12  # last periods, over which the shares of contact and the longest hops
 STAYS = 3.0  # periods for which both ends have been down where they stay down
 STILL = 8e-4  # change of its numbers, relative, in radians, cycles or periods, that a stopped run leaves out at most
 V_SPIN = N_ORBIT  # beside the values of an orbit
-SLOW_SPEED, STRAIGHT = 1e-2, 1e-9  # speed in g/omega, precession in omega: changes of lesser ones are relative to these
+STRAIGHT = 1e-9  # precession, in omega: changes of lesser ones are relative to this one
 
 
 @compiled
@@ -121,7 +121,7 @@ def mode_of(dm, past):
     together, turns, total = landing_pattern(dm, past, span)
     if (total > 0 and together == total) or (total == 0 and doubles >= span / p):
         return M_JUMP, p
-    if p > 1 and total >= 2 and turns == total - 1:
+    if p > 1 and total >= 2 and turns == total - 1:  # the ends land in turn: each landing but the first is a change
         return M_FLUTTER, p
     return M_PERIOD_N, p
 
@@ -142,7 +142,7 @@ def landing_pattern(dm, past, span):
         turns += 1 if later_end >= 0.0 and row.end != later_end else 0
         later_end = row.end
         beside = False  # one of the other end at nearly the same time
-        for k in range(max(back - 1, 0), min(back + 2, kept)):
+        for k in range(max(back - 1, 0), min(back + 2, kept)):  # it can only be the landing before it, or after it
             other = past.landings[(last - k) % RING]
             beside = beside or (other.end != row.end and abs(other.time - row.time) < TOGETHER * dm.period)
         together += 1 if beside else 0

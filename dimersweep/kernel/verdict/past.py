@@ -30,9 +30,9 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.verdict.track import TrackState
 
-HOP_LINE = 0.5
+HOP_LINE = 0.5  # hops, in forcing periods, from which on a ball is not down
 NOTED = 0.4  # hops from which on landings are kept: one just below the line may go with one just above it
-BURST = 0.05
+BURST = 0.05  # forcing periods within which impacts are one double event
 SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a double impact
 
 RING = 64

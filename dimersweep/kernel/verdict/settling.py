@@ -33,7 +33,7 @@ FADING = 0.99
 SETTLED_PERIODS = 24  # periods a motion repeats before it counts as settled
 FALL, FALL_STRETCH = 0.5, SETTLED_PERIODS // 3  # what is left of a fast part that falls after so many periods, at most
 MAX_PERIOD = 16
-NO_SPEED = 0.01  # speed in g/omega below which a velocity has no direction
+SLOW_SPEED = 0.01  # speed in g/omega below which a velocity has no direction, and changes are relative to this one
 
 
 @compiled
@@ -49,7 +49,7 @@ def note_period(dm, state, modes, past):
         settled = settled or has_repeated(past, p)
     if settled or past.track.begun != 0.0:
         x, y = centre(dm, state) if dm.sideways != 0.0 else (0.0, 0.0)
-        follow_track(past.track, Fix(time_of(dm, state), x, y, state[THETA]), NO_SPEED * dm.g / dm.omega)
+        follow_track(past.track, Fix(time_of(dm, state), x, y, state[THETA]), SLOW_SPEED * dm.g / dm.omega)
 
 
 @compiled
