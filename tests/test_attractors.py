@@ -29,9 +29,9 @@ STARTS = {"beta0": ("1 deg", "60 deg"), "phi0": (0.0, 6.28)}
 MANY = {"beta0": ("1 deg", "89 deg"), "xdot0": (0.2, 2.0), "phi0": (0.0, 6.28)}
 
 
-def motion(periods=1, seed=0, word="DI", spin=10.0):
+def motion(periods=1, seed=0, sequence="DI", spin=10.0):
     gaps = np.random.default_rng(seed).uniform(size=(periods, 8, 2))
-    return Features(periods, word, spin, gaps, 0.3)
+    return Features(periods, sequence, spin, gaps, 0.3)
 
 
 def attractor(features, mode="jump"):
@@ -77,9 +77,9 @@ def test_a_branch_that_has_joined_another_has_the_period_of_that():
     assert (once.least_period(), twice.least_period()) == (2, 2)
 
 
-def test_without_orbits_attractors_are_matched_by_period_word_and_mode():
-    known = [attractor(motion(seed=1)), attractor(motion(seed=2, word="FM")), attractor(None, "rest")]
-    new = [attractor(None, "rest"), attractor(motion(seed=3, word="FM")), attractor(motion(periods=2, seed=1))]
+def test_without_orbits_attractors_are_matched_by_period_sequence_and_mode():
+    known = [attractor(motion(seed=1)), attractor(motion(seed=2, sequence="FM")), attractor(None, "rest")]
+    new = [attractor(None, "rest"), attractor(motion(seed=3, sequence="FM")), attractor(motion(periods=2, seed=1))]
     costs = [[distance(old, one, "Gamma", 1.0, BOTH) for one in new] for old in known]
     assert matched(np.array(costs)) == {1: 1, 2: 0}
 
@@ -139,7 +139,7 @@ def test_the_base_case_rests_or_drifts_as_a_sweep_of_the_same_starts_says(base):
     assert base.attrs["cost"] == cube["n_periods"].sum()
     assert base["mode"].values.tolist() == ["rest", "drift"]
     assert (base["mode"].values[base["basin"].values - 1] == modes).all()
-    assert base["count"].values.tolist() == [(modes == word).sum() for word in ("rest", "drift")]
+    assert base["count"].values.tolist() == [(modes == mode).sum() for mode in ("rest", "drift")]
     assert_allclose(base["share"], base["count"] / 60)
     for end in (base["share_low"], base["share_high"]):  # Wilson's score test just accepts them
         assert_allclose((base["share"] - end) ** 2, NormalDist().inv_cdf(0.975) ** 2 * end * (1 - end) / 60, rtol=1e-9)
@@ -151,7 +151,7 @@ def test_the_orbit_of_an_attractor_is_that_of_orbits_at_its_spin(base):
     orbit = orbits.find(spin=float(one["spin"]))
     assert one["orbit"]
     assert one["stable"]
-    assert one["word"] == orbit.word
+    assert one["word"] == orbit.sequence
     for name in ("radius", "period", "zeta", "speed"):
         assert_allclose(float(one[name]), getattr(orbit, name), rtol=1e-6)
     sizes = np.sort(np.abs(orbit.multipliers))
@@ -192,8 +192,8 @@ def test_at_one_set_of_parameters_five_attractors_are_told_apart_and_stay():
     assert not slow["confirmed"].any()
 
 
-# drifts with p2 down, all but the last with p1 down, and words that change with the spin
-WORDS_OF_UNLIKE = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5e-3, "r_2": 5.1e-3}
+# drifts with p2 down, all but the last with p1 down, and sequences that change with the spin
+SEQUENCES_OF_UNLIKE = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5e-3, "r_2": 5.1e-3}
 STARTS_OF_UNLIKE = {
     "beta0": [-0.452, -1.134, -0.112, -0.878, -0.527, 1.081],
     "xdot0": [-1.357, 1.107, -1.751, 0.565, 0.038, 0.899],
@@ -201,12 +201,12 @@ STARTS_OF_UNLIKE = {
 }
 
 
-def test_a_family_whose_word_changes_with_the_spin_is_one_attractor():
-    found = attractors(points=STARTS_OF_UNLIKE, fixed=WORDS_OF_UNLIKE, periods=300, progress=False)
+def test_a_family_whose_sequence_changes_with_the_spin_is_one_attractor():
+    found = attractors(points=STARTS_OF_UNLIKE, fixed=SEQUENCES_OF_UNLIKE, periods=300, progress=False)
     assert found["basin"].values.tolist() == [1, 1, 1, 1, 1, 2]
     each = [{name: column[k] for name, column in STARTS_OF_UNLIKE.items()} for k in range(5)]
-    words = [orbits.find(guess=simulate(**WORDS_OF_UNLIKE, **start, periods=300)).word for start in each]
-    assert len(set(words)) >= 3
+    sequences = [orbits.find(guess=simulate(**SEQUENCES_OF_UNLIKE, **start, periods=300)).sequence for start in each]
+    assert len(set(sequences)) >= 3
 
 
 def test_motions_that_long_runs_bring_together_are_one_attractor():
@@ -224,15 +224,15 @@ def test_motions_that_long_runs_bring_together_are_one_attractor():
     assert late[1] == pytest.approx(late[0], rel=1e-4)
 
 
-def test_over_a_parameter_a_family_whose_word_changes_keeps_its_number():
-    fixed = {name: value for name, value in WORDS_OF_UNLIKE.items() if name != "Gamma"}
+def test_over_a_parameter_a_family_whose_sequence_changes_keeps_its_number():
+    fixed = {name: value for name, value in SEQUENCES_OF_UNLIKE.items() if name != "Gamma"}
     starts = {name: column[-4:] for name, column in STARTS_OF_UNLIKE.items()}
     found = attractors(points=starts, fixed=fixed, over={"Gamma": [0.9, 1.0]}, periods=300, progress=False)
     drifts = found.sel(attractor=(found["mode"] == "drift").any("Gamma"))
     assert drifts.sizes["attractor"] == 2
     assert (drifts["count"] > 0).all()
-    word = drifts["word"].isel(attractor=0).values
-    assert word[0] != word[1]
+    sequence = drifts["word"].isel(attractor=0).values
+    assert sequence[0] != sequence[1]
 
 
 @pytest.mark.slow
@@ -248,8 +248,8 @@ def test_shares_of_two_thousand_drawn_angles_are_those_of_the_fine_grid():
 def test_over_the_intensity_the_drift_appears_at_the_fold_and_goes_at_the_flip_where_that_of_period_2_begins(
     over_gamma,
 ):
-    words = over_gamma["mode"].where(over_gamma["count"] > 0, "")
-    drifts = int(over_gamma["attractor"][(words == "drift").any("Gamma")][0])
+    modes = over_gamma["mode"].where(over_gamma["count"] > 0, "")
+    drifts = int(over_gamma["attractor"][(modes == "drift").any("Gamma")][0])
     assert (over_gamma["count"].sel(attractor=drifts) > 0).values.tolist() == [False, True, True, False]
     told = {
         (int(number), str(what)): (float(border), str(kind))

@@ -179,7 +179,7 @@ def test_what_made_the_data_is_found():
     assert fit.undetermined == ()
     for name, value in true.items():
         assert abs(fit.values[name] - value) < 0.01 * fit.errors[name], name
-    assert fit.orbit.word == orbit.word
+    assert fit.orbit.sequence == orbit.sequence
     assert fit.cost > fit.orbit.cost > 0
 
 

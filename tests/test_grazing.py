@@ -1,4 +1,4 @@
-"""Grazing: where an end begins to strike, and where a word changes at a leap, against orbits found on both sides."""
+"""Grazing: where an end begins to strike, and where a sequence changes at a leap, against orbits found on both sides."""
 
 import numpy as np
 import pytest
@@ -81,7 +81,7 @@ def test_orbits_exist_up_to_a_leap_and_not_beyond():
     Gamma = float(branch["Gamma"][branch["special"] == "word"][-1])
     assert Gamma == pytest.approx(1.28320835, abs=2e-8)
     inside = orbits.find(spin=100.0, Gamma=Gamma - 1e-6, guess=below, **LEAP)
-    assert inside.word.startswith("DI")
+    assert inside.sequence.startswith("DI")
     with pytest.raises(OrbitError):
         orbits.find(spin=100.0, Gamma=Gamma + 1e-6, guess=inside, **LEAP)
 

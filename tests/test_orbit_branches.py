@@ -1,4 +1,4 @@
-"""Branches and borders: the folds, flips and words they pass, against measured values, closed forms and long runs."""
+"""Branches and borders: the folds, flips and sequences they pass, against measured values, closed forms and long runs."""
 
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -46,13 +46,13 @@ def test_borders_are_where_they_were_measured(kind, known):
 
 
 @pytest.mark.parametrize("kind", ["hop", "double_impact", "chatter"])
-def test_a_change_of_word_costs_little_and_lies_between_two_words(kind):
+def test_a_change_of_sequence_costs_little_and_lies_between_two(kind):
     e = np.linspace(0.56, 0.6, 9)
     curve = orbits.border(kind, "Gamma", over={"e": e}, spin=100.0)
     changes = curve.sizes.get("number", 1)  # the motion has two of chatter: of the end that is down, and of the bouncer
     assert np.median(curve["cost"].values) <= 150 * changes
     Gamma = float(curve["Gamma"][4])
-    below, above = (orbits.find(spin=100.0, e=e[4], Gamma=Gamma + by).word for by in (-1e-6, 1e-6))
+    below, above = (orbits.find(spin=100.0, e=e[4], Gamma=Gamma + by).sequence for by in (-1e-6, 1e-6))
     assert change_of(below, above).name == kind
     assert np.abs(np.diff(curve["Gamma"].values, 4)).max() < 1e-5  # smooth: no point is another border's
 
@@ -123,12 +123,12 @@ def test_a_warm_point_of_a_branch_costs_at_most_forty_periods(down):
     assert cost[plain].max() <= 40
 
 
-def test_words_change_where_they_are_said_to(down):
-    """On either side of the change nearest to the base case the orbits have the words of the rows beside it."""
+def test_sequences_change_where_they_are_said_to(down):
+    """On either side of the change nearest to the base case the orbits have the sequences of the rows beside it."""
     at = int(np.flatnonzero(down["special"].values == "word")[0])
     place = float(down["Gamma"][at])
     assert down["change"].values[at] == "stick_slip"
-    below, above = (orbits.find(spin=100.0, Gamma=place + by).word for by in (-1e-6, 1e-6))
+    below, above = (orbits.find(spin=100.0, Gamma=place + by).sequence for by in (-1e-6, 1e-6))
     assert below == down["word"].values[at + 1]
     assert above == down["word"].values[at - 1]
 
@@ -177,7 +177,7 @@ def test_beyond_the_flip_a_run_goes_to_the_doubled_orbit():
     branch = orbits.follow(below, "Gamma", to=Gamma, switch=True)
     assert branch["periods"].values[-1] == 2
     assert float(branch["radius"][-1]) == pytest.approx(two.radius, rel=1e-4)
-    assert branch["word"].values[-1] == two.word
+    assert branch["word"].values[-1] == two.sequence
 
 
 def test_below_the_fold_a_run_leaves():
@@ -205,11 +205,11 @@ def test_a_curve_names_where_it_meets_other_borders():
     assert sides["word"].values[0] != sides["word"].values[1]
 
 
-def test_a_change_of_word_is_followed():
+def test_a_change_of_sequence_is_followed():
     found = orbits.border("double_impact", "Gamma", over={"e": [0.6, 0.601, 0.602]}, spin=100.0)
     assert (found["status"] == "ok").all()
     for e, Gamma in zip(found["e"].values, found["Gamma"].values, strict=True):
-        below, above = (orbits.find(spin=100.0, e=e, Gamma=Gamma + by).word for by in (-1e-6, 1e-6))
+        below, above = (orbits.find(spin=100.0, e=e, Gamma=Gamma + by).sequence for by in (-1e-6, 1e-6))
         assert below.split()[0] != above.split()[0]
 
 
@@ -264,7 +264,7 @@ def test_a_new_kind_of_border_is_one_object_that_is_registered(orbit, monkeypatc
     found = orbits.border("tripling", "Gamma", over={"e": [0.6, 0.62]}, spin=100.0)
     assert (found["status"] == "ok").all()
     assert np.angle(multipliers(found)).max(axis=1) == pytest.approx(2 * np.pi / 3, abs=1e-6)
-    branch = orbits.follow(orbit, "Gamma", to=1.1, words=False)
+    branch = orbits.follow(orbit, "Gamma", to=1.1, sequences=False)
     at = branch["special"].values == "tripling"
     assert branch["Gamma"].values[at] == pytest.approx(found["Gamma"].values[:1], abs=1e-5)
 
@@ -359,7 +359,7 @@ def test_a_fold_whose_impact_lies_where_the_spin_is_put_back_is_found():
     found = orbits.border("fold", "Gamma", over={"e": [0.65, 0.7, 0.75]}, **short)
     assert (found["status"] == "ok").all()
     for e, Gamma, phase in zip(found["e"].values, found["Gamma"].values, found["impact_phase"].values, strict=True):
-        branch = orbits.follow(orbits.find(e=e, Gamma=Gamma + 0.1, **short), "Gamma", to=Gamma - 0.1, words=False)
+        branch = orbits.follow(orbits.find(e=e, Gamma=Gamma + 0.1, **short), "Gamma", to=Gamma - 0.1, sequences=False)
         assert min(phase, 1 - phase) < 1e-3
         assert Gamma == pytest.approx(float(branch["Gamma"][branch["special"].values == "fold"][0]), abs=1e-6)
     assert float(found["Gamma"][1]) == pytest.approx(0.560388, abs=1e-6)

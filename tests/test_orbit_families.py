@@ -54,7 +54,7 @@ def test_a_family_is_made_of_orbits(family):
     orbit = orbits.find(spin=float(one["spin"]))
     for name in ("radius", "period", "zeta", "speed", "spin_drift"):
         assert float(one[name]) == pytest.approx(getattr(orbit, name), rel=1e-6), name
-    assert one["word"].item() == orbit.word
+    assert one["word"].item() == orbit.sequence
 
 
 @pytest.mark.parametrize(("A_r", "xdot0", "degrees"), [(5.0, 1.0, 19), (5.0, 3.0, 19), (6.0, 3.0, 16), (7.0, 3.0, 13)])
@@ -109,12 +109,12 @@ def test_a_family_goes_on_where_the_contact_at_its_section_ends():
     assert told == pytest.approx([run.radius, run.period, run.zeta], rel=1e-5)
 
 
-MANY_WORDS = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5.1e-3, "r_2": 5e-3}
+MANY_SEQUENCES = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5.1e-3, "r_2": 5e-3}
 
 
 def test_a_family_goes_on_beyond_spins_that_have_no_orbit():
     """From 89.0 to 89.8 rad/s there is none: the end that is down ceases to stick after its chatter, and friction falls."""
-    found = orbits.family(spin=(88.2, 90.6), points=9, **MANY_WORDS)
+    found = orbits.family(spin=(88.2, 90.6), points=9, **MANY_SEQUENCES)
     assert found.attrs["low_end"] == found.attrs["high_end"] == "asked for"
     missing = set(np.linspace(88.2, 90.6, 9).round(6)) - set(found["spin"].values.round(6))
     assert {89.1, 89.4, 89.7} <= missing <= {89.1, 89.4, 89.7, 90.3}
@@ -122,10 +122,10 @@ def test_a_family_goes_on_beyond_spins_that_have_no_orbit():
 
 
 @pytest.mark.parametrize(("near", "spin"), [(80.0, 105.0), (120.0, 60.0), (80.0, 200.0)])
-def test_an_orbit_is_found_from_one_of_another_word(near, spin):
-    begin = orbits.find(spin=near, **MANY_WORDS)
-    there, direct = orbits.find(guess=begin, spin=spin), orbits.find(spin=spin, **MANY_WORDS)
-    assert there.word == direct.word != begin.word
+def test_an_orbit_is_found_from_one_of_another_sequence(near, spin):
+    begin = orbits.find(spin=near, **MANY_SEQUENCES)
+    there, direct = orbits.find(guess=begin, spin=spin), orbits.find(spin=spin, **MANY_SEQUENCES)
+    assert there.sequence == direct.sequence != begin.sequence
     assert there.radius == pytest.approx(direct.radius, rel=1e-7)
 
 
@@ -171,7 +171,7 @@ def test_a_motion_comes_to_the_spin_at_which_nothing_drifts_and_keeps_it():
 
 
 def test_from_below_and_above_motions_come_to_the_spin_that_is_kept():
-    family = orbits.family(spin=(100.0, 108.0), points=9, **MANY_WORDS)
+    family = orbits.family(spin=(100.0, 108.0), points=9, **MANY_SEQUENCES)
     assert float(family["spin_drift"][0]) > 0 > float(family["spin_drift"][-1])
     ends = [orbits.later(family, spin=spin, periods=1e8).spin for spin in (101.0, 107.5)]
     assert ends == pytest.approx([106.8, 106.8], abs=0.02)
@@ -201,7 +201,7 @@ def test_the_edge_of_a_basin_is_the_unstable_orbit_of_the_fold():
 def test_ends_of_angles_may_be_in_degrees():
     assert orbits.edge("beta0", ("14 deg", "16 deg"), within=1e-3).bracket == pytest.approx((0.267, 0.267), abs=2e-3)
     orbit = orbits.find(spin=100.0, phi_2=0.1, Gamma_2=0.01)
-    branch = orbits.follow(orbit, "phi_2", to="10 deg", words=False)
+    branch = orbits.follow(orbit, "phi_2", to="10 deg", sequences=False)
     assert float(branch["phi_2"][-1]) == pytest.approx(np.deg2rad(10), abs=1e-12)
 
 
@@ -262,8 +262,8 @@ def test_a_run_leaves_its_family_where_its_double_impact_ends_another_way():
     settled, before, beyond = (simulate(**PASSES_A_BORDER, periods=n) for n in (72, 320, 350))
     branch = orbits.follow(orbits.find(guess=settled), "spin", to=145.0)
     assert branch["word"].values[-1].startswith("DI_sp_sp>DI_sp_sk ")
-    assert "the next one found has the word DI_sp_sp " in branch.attrs["end"]
+    assert "the next one found has the sequence DI_sp_sp " in branch.attrs["end"]
     assert settled.orbit.spin < branch["spin"].values[-1] == pytest.approx(before.orbit.spin, rel=0.02)
     kinds = [run.events["kind"].values for run in (before, beyond)]
     assert [each[np.char.startswith(each, "DI")][-1] for each in kinds] == ["DI_sp_sk", "DI_sp_sp"]
-    assert orbits.find(guess=beyond).word.startswith("DI_sp_sp ")
+    assert orbits.find(guess=beyond).sequence.startswith("DI_sp_sp ")

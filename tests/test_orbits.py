@@ -32,7 +32,7 @@ def test_the_package_reaches_orbits_lazily():
     assert dimersweep.orbits is orbits
     assert {"find", "follow", "border", "family", "later", "edge", "PeriodicOrbit"} <= set(dir(orbits))
     wanted = ("parameters", "spin", "radius", "period", "zeta", "speed", "precession_rate", "impact_phase", "di_end")
-    wanted += ("spin_drift", "multipliers", "stable", "residual", "word", "run")
+    wanted += ("spin_drift", "multipliers", "stable", "residual", "sequence", "run")
     known = set(orbits.PeriodicOrbit.__dataclass_fields__) | {n for n, _ in inspect.getmembers(orbits.PeriodicOrbit)}
     assert set(wanted) <= known
 
@@ -88,7 +88,7 @@ def test_the_orbit_does_not_depend_on_where_it_was_looked_for(base, drift):
     far = orbits.find(spin=60.0, Gamma=1.0)
     by_orbit = orbits.find(guess=far, Gamma=0.9, spin=base.spin)
     for other in (by_run, by_orbit):
-        assert other.word == base.word
+        assert other.sequence == base.sequence
         for name in TOLD:
             assert getattr(other, name) == pytest.approx(getattr(base, name), rel=2e-6), name
 
@@ -179,9 +179,9 @@ def test_a_fault_of_the_kernel_is_not_taken_for_a_missing_orbit(monkeypatch, sta
     assert (f"fault of the kernel: {STATUS_MESSAGES[status]}" in str(told.value)) == (error is KernelError)
 
 
-def test_words_are_told_of_the_states_in_their_order(base):
-    assert base.word == "DI_sp_sp>DI_sp_sk chatter.1 SC1_sk.1 SC1_sp.1 SC1_sk.1 SC1_sp.1 far.2"
-    assert base.fixed.image.passage.word == base.word
+def test_sequences_have_the_states_in_their_order(base):
+    assert base.sequence == "DI_sp_sp>DI_sp_sk chatter.1 SC1_sk.1 SC1_sp.1 SC1_sk.1 SC1_sp.1 far.2"
+    assert base.fixed.image.passage.sequence == base.sequence
     assert change_of("DI_sp_sp far.2", "DI_sp_sp far.1 far.2").name == "hop"
     assert change_of("DI_sp_sp>DI_sp_sk SC1_sk.1", "DI_sp_sp SC1_sk.1").name == "double_impact"
     assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp FM SC1_sk.1").name == "lift_off"
@@ -206,3 +206,10 @@ def test_a_dimer_that_is_thrown_off_from_rest_once_a_period_repeats_after_one():
     assert orbits.find(**thrown).multipliers.tolist() == [0]
     with pytest.raises(OrbitError, match="repeats after 1 already; ask for periods=1"):
         orbits.find(**thrown, periods=2)
+
+
+def test_former_names_of_the_symbol_sequence_warn(base):
+    with pytest.deprecated_call(match="PeriodicOrbit.sequence now"):
+        assert base.word == base.sequence
+    with pytest.deprecated_call(match="is sequences now"):
+        orbits.follow(base, "Gamma", to=0.89, points=2, words=False)

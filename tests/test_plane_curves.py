@@ -46,8 +46,8 @@ def test_after_its_turn_the_hop_is_one_of_the_unstable_orbit(hop):
     upper = float(hop["Gamma"].where(hop["stable"]).sel(point=[0, hop.sizes["point"] - 1]).max())
     told = orbits.border("hop", "Gamma", over={"e": [0.44]}, spin=100.0)
     assert upper == pytest.approx(float(told["Gamma"][0]), abs=1e-6)
-    words = [orbits.find(spin=100.0, e=0.44, Gamma=upper + by).word for by in (-1e-4, 1e-4)]
-    assert "far.1" in words[1] and words[1].replace("far.1 ", "") == words[0]
+    sequences = [orbits.find(spin=100.0, e=0.44, Gamma=upper + by).sequence for by in (-1e-4, 1e-4)]
+    assert "far.1" in sequences[1] and sequences[1].replace("far.1 ", "") == sequences[0]
 
 
 def test_a_curve_of_hops_is_the_border_in_any_section():

@@ -12,7 +12,7 @@ from tests.checks.tables import multipliers
 )
 def test_a_border_on_a_branch_has_its_multiplier(kind, begin, to, multiplier, within):
     """At a fold two multipliers meet, as the root of the distance: so they are known less well there."""
-    branch = orbits.follow(orbits.find(spin=100.0, Gamma=begin), "Gamma", to=to, words=False)
+    branch = orbits.follow(orbits.find(spin=100.0, Gamma=begin), "Gamma", to=to, sequences=False)
     at = branch["special"].values == kind
     assert at.sum() == 1
     assert np.abs(multipliers(branch)[at] - multiplier).min() < within

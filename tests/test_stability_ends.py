@@ -73,7 +73,7 @@ def test_where_the_end_that_is_down_begins_to_slip_the_orbit_leaps_a_little_and_
     low = orbits.find(Gamma=0.697, **dimer)
     run = carried(low.run(50), dimer, 0.7, 200)
     drifting = orbits.find(guess=run, spin=dimer["spin"])
-    assert "SC1_sk.1" in low.word and "SC1_sk.1" not in drifting.word and drifting.stable
+    assert "SC1_sk.1" in low.sequence and "SC1_sk.1" not in drifting.sequence and drifting.stable
     assert crossed(dimer, float(end["Gamma"]), 1) == ("stable", "unstable")
 
 

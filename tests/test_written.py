@@ -9,7 +9,7 @@ from dimersweep import attractors, loops, orbits, simulate, sweep
 STARTS = {"beta0": (0.2, 0.6)}
 TABLES = {
     "follow": lambda: orbits.follow(orbits.find(spin=100.0), "Gamma", to=0.91),
-    "follow in the spin": lambda: orbits.follow(orbits.find(spin=100.0), "spin", to=104.0, words=False),
+    "follow in the spin": lambda: orbits.follow(orbits.find(spin=100.0), "spin", to=104.0, sequences=False),
     "family": lambda: orbits.family(spin=(0.0, 20.0), points=3),
     "border": lambda: orbits.border("fold", "Gamma", over={"e": [0.6]}, spin=100.0),
     "border_curve": lambda: orbits.border_curve("fold", "Gamma", "e", span=(0.6, 0.602), spin=100.0),

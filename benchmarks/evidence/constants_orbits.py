@@ -28,7 +28,7 @@ FOLDER = Path(dimersweep.__file__).parent / "orbits"
 LONGEST = 60  # time for all answers [s]
 ALIKE = 1e-7  # relative difference of numbers up to which an answer is the same
 JUMP: dict[str, Any] = {"Gamma": 1.3, "beta0": 0.0, "xdot0": 0.0, "periods": 300}
-WORDS: dict[str, Any] = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5.1e-3, "r_2": 5e-3}
+MANY_SEQUENCES: dict[str, Any] = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5.1e-3, "r_2": 5e-3}
 DIMERS = {"stable_to": (3, 5, 8, 9), "hop": (3, 7), "chatter": (4, 8)}  # numbers of random dimers
 ASKED_OF = {  # files of which few questions are asked: parts of their names
     "edges": ("edge",),
@@ -38,7 +38,7 @@ ASKED_OF = {  # files of which few questions are asked: parts of their names
     "following": ("down", "up"),
     "bifurcation_curve": ("fold", "flip", "stable_to"),
     "stability_end": ("stable_to",),
-    "word_curve": ("hop", "chatter", "curve"),
+    "sequence_curve": ("hop", "chatter", "curve"),
     "plane_curve": ("curve",),
 }
 HEAD = """
@@ -116,7 +116,7 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
 
     def orbit(**given: Any) -> list[Any]:
         one = orbits.find(**given)
-        return [one.word, one.periods, one.stable, one.spin, one.radius, *np.abs(one.multipliers).tolist()]
+        return [one.sequence, one.periods, one.stable, one.spin, one.radius, *np.abs(one.multipliers).tolist()]
 
     def table(found: Any, *columns: str) -> list[Any]:
         return [entry for name in columns for entry in found[name].values.ravel().tolist()]
@@ -155,9 +155,9 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
         **{f"{kind} {k}": border(kind, **random_dimer(k)) for kind, several in DIMERS.items() for k in several},
         "curve": lambda: table(orbits.border_curve("hop", "Gamma", "e", span=(0.58, 0.62), spin=100.0), "e", "Gamma"),
         "alike": lambda: [features.Carried(begin, [80.0, 120.0], both).apart(at(spin)) for spin in (85.0, 110.0)],
-        "word": lambda: orbit(guess=orbits.find(spin=80.0, **WORDS), spin=105.0, **WORDS),
+        "word": lambda: orbit(guess=orbits.find(spin=80.0, **MANY_SEQUENCES), spin=105.0, **MANY_SEQUENCES),
         "family": family(60.0, 140.0, 5),
-        "family over words": family(88.2, 90.6, 9, **WORDS),
+        "family over sequences": family(88.2, 90.6, 9, **MANY_SEQUENCES),
         "family with ends": family(60.0, 140.0, 9, Gamma=0.78726),
         "family of sections": family(550.0, 572.0, 4, A_r=6.0),
         "edge": edge,

@@ -38,6 +38,7 @@ KINDS = [
 ]
 # what an answer took, what made it, and objects that it holds
 LEFT_OUT = {"cost", "residual", "runs", "made_with", "kernel", "fixed", "creep", "slow_motion", "measured"}
+NAMED_BEFORE = {"sequence": "word"}  # attributes, and their names in answers
 OF_THE_PLACE = {
     *("history", "source", "kernel_version", "configuration_sha256", "values_sha256", "wall_time_s", "kernel_time_s"),
     *("git_commit", "git_dirty", "python", "numpy", "numba", "llvmlite", "cpu", "platform", "cost"),
@@ -74,7 +75,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(name): plain(each) for name, each in value.items() if name not in LEFT_OUT}
     if is_dataclass(value):
-        return plain({each.name: getattr(value, each.name) for each in fields(value) if each.name[0] != "_"})
+        named = {NAMED_BEFORE.get(each.name, each.name): each.name for each in fields(value) if each.name[0] != "_"}
+        return plain({name: getattr(value, attribute) for name, attribute in named.items()})
     if hasattr(value, "_asdict"):
         return plain(value._asdict())
     if isinstance(value, list | tuple):

@@ -31,7 +31,9 @@ DOUBLED_FOLD = "flip-doubled_fold"  # where the orbit of twice the period has it
 KINK = 1e-2  # distance of all multipliers from the border's beyond which they are those of another map
 # of the differences for the coefficient of a flip, in units of the section: those of the third order are right to about 1e-3
 WIDTHS = (3e-3, 1e-3)
-AGREE = 0.02  # part in which the coefficients of both widths differ at most; more where a change of word lies between
+AGREE = (
+    0.02  # part in which the coefficients of both widths differ at most; more where a change of sequence lies between
+)
 
 
 class OnBorder(NamedTuple):
@@ -197,7 +199,7 @@ class BifurcationCurve(Curve, of=Bifurcation):
 
     def _met(self, point: Point) -> Special:
         for a, b, _ in steps(point, SEARCHING):
-            for special in specials(a, b, words=False)[0]:
+            for special in specials(a, b, sequences=False)[0]:
                 if special.kind is self.kind:
                     return special
         raise OrbitLost(f"none within {SEARCHING.tries} points of the branch")

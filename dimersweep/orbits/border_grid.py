@@ -11,7 +11,7 @@ import xarray as xr
 
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.inputs import as_numbers, check_rtol, number
-from dimersweep.orbits import bifurcation_curve, stability_end, word_curve  # noqa: F401 - they enter the curves of all kinds
+from dimersweep.orbits import bifurcation_curve, sequence_curve, stability_end  # noqa: F401 - they enter the curves of all kinds
 from dimersweep.orbits.continuation import halved
 from dimersweep.orbits.curve import Curve, Found, crossings, shortened
 from dimersweep.orbits.finding import RTOL, checked, checked_spin
@@ -185,7 +185,7 @@ def border(
     Parameters
     ----------
     kind : str
-        fold, flip (period doubling), torus (Neimark-Sacker), or a change of word: any of them (word), or stick_slip,
+        fold, flip (period doubling), torus (Neimark-Sacker), or a change of sequence: any of them (word), or stick_slip,
         lift_off, double_impact, chatter, hop. The first one met from the start is the one that is followed; of folds, flips
         and tori the one at which the stable orbit that runs come to loses its stability, if it does so there. stable_from
         and stable_to are the ends of that orbit's stability, whatever their kind; each point is found by itself.
@@ -194,11 +194,11 @@ def border(
     over : mapping of str to sequence of float
         Values of one or more others. Each line of points along the axis of the shortest steps is begun in its middle, and
         each point begins with what its neighbour has come to. A long stretch that is not reached is begun by itself. Of
-        changes of word every such point is, and the last point of each stretch, too: where that gives another border, the
+        changes of sequence every such point is, and the last point of each stretch, too: where that gives another border, the
         stretch before it is looked for again.
     spin : float, optional
         Axial spin [rad s-1]; by default what a lateral start with `xdot0` rolls up to. Of a fold, a flip and a torus it is
-        that to which the spin is put back at the start of each forcing period; of a change of word that after the double
+        that to which the spin is put back at the start of each forcing period; of a change of sequence that after the double
         impact.
     start : PeriodicOrbit, optional
         From which the first point is looked for; by default one found between the ball's fold and flip.
@@ -212,15 +212,15 @@ def border(
     xarray.Dataset
         Along the names in `over`: `parameter`, the attributes of the border's `PeriodicOrbit`, `status` and `cost`, the
         forcing periods of the map that a point took. The status is "ok", or says why there is no point, or that there are
-        more. The word of a motion may change alike at many values of the parameter, between where its branch turns round and
+        more. A sequence may change alike at many values of the parameter, between where the branch turns round and
         where no end comes to rest any more: the row has the first one met, upwards before downwards, `several` has all of
         them, and the status is "one of 10". Beyond where no end comes to rest the branch is in pieces: if there is no such
         change before, the row is the last orbit of which an end does, and the status says that there are several beyond.
         `loses_stability` says whether a stable orbit loses its stability there: the multipliers are inside the unit circle on
         one side, and beyond the orbit has one outside, or there is none. Of a flip also `doubling`, the coefficient of its
         normal form: where it is positive a stable orbit of twice the period begins, where it is negative an unstable one ends.
-        Of stable_from and stable_to also `ends_by`, the kind of border there. Of a change of word also `change`, the symbols
-        that go and come: it may differ from point to point.
+        Of stable_from and stable_to also `ends_by`, the kind of border there. Of a change of sequence also `change`, the
+        symbols that go and come: it may differ from point to point.
         Along `meeting`: where the curve meets another border, with its `meets`.
 
     Raises
@@ -277,9 +277,9 @@ def meetings(kind: Kind, a: Found, b: Found) -> list[str]:
         return [f"{a.by.name}-{b.by.name}"] if a.by is not b.by else []
     first, second = crossings(kind, a.orbit), crossings(kind, b.orbit)
     names = [name for name in first if first[name] * second[name] < 0]
-    words = a.orbit.word, b.orbit.word
-    if words[0] != words[1] and kind.rows:
-        names.append(f"{kind.name}-{change_of(*words).name}")
+    sequences = a.orbit.sequence, b.orbit.sequence
+    if sequences[0] != sequences[1] and kind.rows:
+        names.append(f"{kind.name}-{change_of(*sequences).name}")
     return names
 
 

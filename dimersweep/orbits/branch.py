@@ -60,9 +60,9 @@ class Point(NamedTuple):
         return self.fixed.map
 
     @property
-    def word(self) -> str:
-        """The word of its motion."""
-        return self.fixed.image.passage.word
+    def sequence(self) -> str:
+        """The sequence of its motion."""
+        return self.fixed.image.passage.sequence
 
     @property
     def y(self) -> np.ndarray:

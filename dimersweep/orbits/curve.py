@@ -29,11 +29,11 @@ class Found(NamedTuple):
     orbit: PeriodicOrbit
     value: float  # of the parameter
     begin: Any  # what the next point begins with
-    # of a change of word: how the words on its two sides differ; none where a branch goes to pieces
+    # of a change of sequence: how the sequences on its two sides differ; none where a branch goes to pieces
     sides: Sides | None = None
     loses: bool = False  # whether a stable orbit loses its stability there
     by: Kind | None = None  # of an end of stability: the kind of border that ends it
-    others: "tuple[Found, ...]" = ()  # of a change of word: those that the motion has at other values of the parameter
+    others: "tuple[Found, ...]" = ()  # of a change of sequence: those that the motion has at other values of the parameter
     doubling: float = float("nan")  # of a flip: its coefficient, see `doubling`
     cost: float = 0.0  # forcing periods of the map that it took
 
@@ -43,7 +43,7 @@ class Found(NamedTuple):
         return sorted([self.value, *(other.value for other in self.others)]) if self.others else []
 
     def alike(self, other: "Found") -> bool:
-        """Whether both are points of one section, and words change alike at both."""
+        """Whether both are points of one section, and sequences change alike at both."""
         m, n = self.begin.map, other.begin.map
         return m.phase == n.phase and m.free.size == n.free.size and self.sides == other.sides
 
@@ -205,11 +205,11 @@ class Curve(ABC):
             except OrbitError as reason:
                 reasons.append(str(reason))
                 continue
-            if orbit.stable and far_ends(orbit.word) == 1:
+            if orbit.stable and far_ends(orbit.sequence) == 1:
                 yield orbit
             else:
                 later.append(orbit)
-        yield from sorted(later, key=lambda orbit: (far_ends(orbit.word) != 1, not orbit.stable))
+        yield from sorted(later, key=lambda orbit: (far_ends(orbit.sequence) != 1, not orbit.stable))
 
     def _places(self, given: dict[str, float]) -> Iterator[dict[str, float]]:
         """Where an orbit is looked for: between the ball's fold and flip."""

@@ -206,7 +206,7 @@ def _is_partner(orbit: PeriodicOrbit) -> bool:
     if (np.abs(orbit.multipliers) > 1).sum() != 1 or orbit.multipliers[0].real < 1:
         return False
     with suppress(OrbitError):
-        entries = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], words=False).entries
+        entries = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], sequences=False).entries
         beyond = list(dropwhile(lambda entry: entry.kind is not FOLD, entries))[1:]
         return any(entry.orbit.stable for entry in beyond)
     return False

@@ -28,7 +28,7 @@ from dimersweep.orbits.specials import JOINED
 
 FAMILY_REACH = 0.05  # distance from where the family leads, in units of the section
 BRANCH_POINTS = 60  # of a branch from one spin to the next, where Newton's method does not get there at once
-MISSING_OVER = 0.02  # part of the spin over which orbits may be missing, where a word just changes
+MISSING_OVER = 0.02  # part of the spin over which orbits may be missing, where a sequence just changes
 TRIES = 8  # on the way from one spin to the next
 MISSING = 1  # spins in a row that may be missing if they lie wider
 THROUGH = 3  # points of the family through which the next one is looked for
@@ -55,9 +55,9 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     Returns
     -------
     xarray.Dataset
-        Along `spin`: the attributes of a `PeriodicOrbit`, as far as the family goes, over changes of word. Spins at which the
-        word just changes may be missing. The attributes `low_end` and `high_end` say why the family ends ("asked for" where it
-        does not), `cost` how many forcing periods of the map it took.
+        Along `spin`: the attributes of a `PeriodicOrbit`, as far as the family goes, over changes of sequence. Spins at which
+        the sequence just changes may be missing. The attributes `low_end` and `high_end` say why the family ends ("asked
+        for" where it does not), `cost` how many forcing periods of the map it took.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[floa
 
 
 def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, PeriodicOrbit], str]:
-    """The family from an orbit through spins, in their order: over changes of word, and over spins that just have no orbit.
+    """The family from an orbit through spins, in their order: over changes of sequence, and over spins that just have no orbit.
 
     The first one is from `on_family`. With `runs` the walk goes where runs go: on with another family where the spin of a
     motion slowly drifts over the end of this one, but not along the branch of fixed points. It returns the orbits by the
@@ -212,7 +212,7 @@ def _run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
 def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
     """The orbit at another spin along the branch of fixed points; if that does not lead there, it says why the family ends."""
     fixed = solve(last.fixed.map, last.fixed.z, last.spin)
-    rows, end, _ = traced(orbit_of(fixed), "spin", spin, BRANCH_POINTS, words=False)
+    rows, end, _ = traced(orbit_of(fixed), "spin", spin, BRANCH_POINTS, sequences=False)
     if not end.startswith("to:"):
         for row in reversed(rows):
             if row.kind is FOLD:

@@ -1,4 +1,4 @@
-"""What a periodic motion looks like, whoever came to it: its period, its word, and its place at the same spin.
+"""What a periodic motion looks like, whoever came to it: its period, its sequence, and its place at the same spin.
 
 The place is taken where no event can make it jump: the gaps of both ends at eight phases of the plate in each of its
 periods, and the turn of the heading in one of them. Where these agree at the same axial spin, so do all other coordinates.
@@ -42,7 +42,7 @@ class Features(NamedTuple):
     """What a periodic motion looks like."""
 
     periods: int  # forcing periods after which it repeats
-    word: str  # see `passage`; with mirrors of the ends the one of both words that sorts first
+    sequence: str  # see `passage`; with mirrors of the ends the one of both sequences that sorts first
     spin: float  # mean axial spin at the times of the gaps [rad/s]
     gaps: np.ndarray  # gaps of both ends at `VIEWS` of each plate period, in units of g/omega^2, shape (periods, 8, 2)
     turn: float  # turn of the heading in a forcing period, as the way of an end in units of g/omega^2
@@ -70,16 +70,16 @@ def features_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Features:
     spin = float(states[:, SPIN].mean())
     first, last = passage.segments[0], passage.segments[-1]
     turn = (last[THETA] - first[THETA]) / m.periods * 0.5 * m.dimer.l
-    word = passage.word
+    sequence = passage.sequence
     if mirrors.ends:
-        word = min(word, _ends_changed(passage).word)
+        sequence = min(sequence, _ends_changed(passage).sequence)
     back = -1.0 if mirrors.plane and spin < 0 else 1.0
     unit = m.section.units[0]
-    return Features(m.periods, word, back * spin, gaps / unit, float(back * turn / unit))
+    return Features(m.periods, sequence, back * spin, gaps / unit, float(back * turn / unit))
 
 
 def _ends_changed(passage: Passage) -> Passage:
-    """The record of a passage, as far as its word goes, with the ends in each other's place."""
+    """The record of a passage, as far as its sequence goes, with the ends in each other's place."""
     events = passage.events.copy()
     for column in (E_KIND, E_BEFORE, E_AFTER):
         first, second = digits_of(events[:, column].astype(int))

@@ -312,7 +312,7 @@ def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
 
 
 def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -> Fixed:
-    """The orbit at other parameters or another spin by Newton from one nearby, or else, over a change of word, from a run."""
+    """The orbit at other parameters or another spin by Newton from one nearby, or over a change of sequence from a run."""
     try:
         return centred(solve(m, fixed.z, spin, known))
     except OrbitLost:

@@ -1,5 +1,6 @@
-"""Follow an orbit along a branch, through folds, with its stability, its words and its special points."""
+"""Follow an orbit along a branch, through folds, with its stability, its sequences and its special points."""
 
+import warnings
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -19,7 +20,8 @@ from dimersweep.orbits.specials import Special, doubled, specials
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
-BEYOND_WORD = "word: the orbit does not go on beyond its word; the next one found has the word"
+BEYOND_SEQUENCE = "word: the orbit does not go on beyond its sequence; the next one found has the sequence"
+FORMER_WORDS = "words of orbits.follow is sequences now; the former name goes with the next release"
 LEAST_SCALE = 1e-3  # of a parameter, where it and its target are both near zero
 
 
@@ -39,7 +41,8 @@ def follow(
     to: float | str,
     points: int = 200,
     switch: bool = False,
-    words: bool = True,
+    sequences: bool = True,
+    words: bool | None = None,
 ) -> xr.Dataset:
     """The branch of an orbit in a parameter or the spin, by pseudo-arclength steps, through folds.
 
@@ -55,15 +58,17 @@ def follow(
         Points at most, special ones aside.
     switch : bool
         Whether to leave the branch at its first flip for that of twice the period.
-    words : bool
-        Whether changes of the word are located.
+    sequences : bool
+        Whether changes of the symbol sequence are located.
+    words : bool, optional
+        Former name of `sequences`.
 
     Returns
     -------
     xarray.Dataset
         Along `point`: the attributes of a `PeriodicOrbit`, the parameter, and `special`: fold, flip, torus or word where the
-        row is such a point (1e-8 in the parameter over its scale), with the kind of `change` of a word and the `jump` of the
-        orbit. The attribute `end` says why the branch ends, `cost` how many forcing periods of the map it took.
+        row is such a point (1e-8 in the parameter over its scale), with the kind of `change` of the sequence and the `jump` of
+        the orbit. The attribute `end` says why the branch ends, `cost` how many forcing periods of the map it took.
 
     Raises
     ------
@@ -77,12 +82,15 @@ def follow(
     >>> bool(branch["stable"].all())
     True
     """
-    rows, end, cost = traced(orbit, parameter, to, check_count("points", points), switch, words)
+    if words is not None:
+        warnings.warn(FORMER_WORDS, DeprecationWarning, stacklevel=2)
+        sequences = words
+    rows, end, cost = traced(orbit, parameter, to, check_count("points", points), switch, sequences)
     kinds = [row.kind for row in rows]
-    special = [("word" if kind.of_word else kind.name) if kind else "" for kind in kinds]
+    special = [("word" if kind.of_sequence else kind.name) if kind else "" for kind in kinds]
     columns: dict[str, Column] = {
         "special": (special, "kind of special point"),
-        "change": ([kind.name if kind and kind.of_word else "" for kind in kinds], "what changes in the word"),
+        "change": ([kind.name if kind and kind.of_sequence else "" for kind in kinds], "what changes in the sequence"),
         "jump": ([row.jump for row in rows], "jump of the orbit, in units of the section"),
     }
     if parameter != "spin":
@@ -101,7 +109,12 @@ class Trace(NamedTuple):
 
 
 def traced(
-    orbit: PeriodicOrbit, parameter: str, to: float | str, points: int = 200, switch: bool = False, words: bool = True
+    orbit: PeriodicOrbit,
+    parameter: str,
+    to: float | str,
+    points: int = 200,
+    switch: bool = False,
+    sequences: bool = True,
 ) -> Trace:
     """The points of a branch; see `follow`."""
     axis, start, to = _axis(orbit, parameter, to)
@@ -115,11 +128,11 @@ def traced(
         rows, taken = [_row(point)], steps(point, FOLLOWING, tuple(edges))
         while not end and sum(row.kind is None for row in rows) < points:
             a, b, edge = next(taken)
-            found, leap = specials(a, b, words)
+            found, leap = specials(a, b, sequences)
             flip = next((k for k, special in enumerate(found) if switch and special.kind is FLIP), None)
             rows += [_row(special.point, special) for special in found[: None if flip is None else flip + 1]]
             if leap is not None:
-                point, end = leap.point, f"{BEYOND_WORD} {leap.words[1]}"
+                point, end = leap.point, f"{BEYOND_SEQUENCE} {leap.sequences[1]}"
             elif flip is not None:
                 point, switch = doubled(found[flip].point), False
                 taken = steps(point, FOLLOWING, tuple(edges))

@@ -48,9 +48,9 @@ class Kind:
     shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8, 0.2, 0.05)
     curve: ClassVar[Callable[..., Any]]
     rows: ClassVar[int] = 0  # real vectors that make the eigenvector there: 1 or 2; 0 where multipliers say nothing
-    of_word: ClassVar[bool] = False  # whether the word changes there
+    of_sequence: ClassVar[bool] = False  # whether the sequence changes there
     doubles: bool = False  # whether the period is doubled there
-    # from the sides of a change of word, the function of the orbit that is zero there, if one is known
+    # from the sides of a change of sequence, the function of the orbit that is zero there, if one is known
     zero: Callable[[Sides], Mark | None] | None = None
 
     @property
@@ -154,18 +154,18 @@ class ComplexPair(Bifurcation):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Change(Kind):
-    """A border at which the word of the orbit changes."""
+    """A border at which the sequence of the orbit changes."""
 
-    leads: Callable[[str, str], bool]  # whether a change from one word to another one is of this kind
+    leads: Callable[[str, str], bool]  # whether a change from one sequence to another one is of this kind
     begins: str = ""  # only symbols that begin so are compared
     # numbers of a motion of which one changes its sign wherever such a change is, if they are known
     lines: Callable[[Image], np.ndarray] | None = None
     color: str = "#009e73"
     marker: str = "|"
-    of_word = True
+    of_sequence = True
 
     def mark(self, sides: Sides) -> Mark | None:
-        """The function of the orbit that is zero where the words on both sides change into one another, if one is known."""
+        """The function of the orbit that is zero where the sequences on both sides change into one another, if one is known."""
         return self.zero(sides) if self.zero else None
 
 
@@ -209,7 +209,7 @@ class StabilityEnd(Kind):
 
 
 def _changed(old: str, new: str) -> set[str]:
-    """Symbols that only one of two words has."""
+    """Symbols that only one of two sequences has."""
     return set(old.split()) ^ set(new.split())
 
 
@@ -294,16 +294,28 @@ STICK_SLIP = Change(
     meaning="the order of sticking and slipping changes",
     leads=lambda old, new: old != new,
 )
-WORD = Change(name="word", meaning="any of the changes of word", leads=lambda old, new: old != new)
+ANY_CHANGE = Change(name="word", meaning="any of the changes of sequence", leads=lambda old, new: old != new)
 CHANGES = (HOP, CHATTER, DOUBLE_IMPACT, LIFT_OFFS, STICK_SLIP)  # a change is of the first kind that leads to it
 
 
 def change_of(old: str, new: str) -> Change:
-    """The kind of change that leads from one word to another one."""
+    """The kind of change that leads from one sequence to another one."""
     return next(kind for kind in CHANGES if kind.leads(old, new))
 
 
 BORDER_KINDS: dict[str, Kind] = {
     kind.name: kind
-    for kind in (FOLD, FLIP, TORUS, STABLE_FROM, STABLE_TO, WORD, STICK_SLIP, LIFT_OFFS, DOUBLE_IMPACT, CHATTER, HOP)
+    for kind in (
+        FOLD,
+        FLIP,
+        TORUS,
+        STABLE_FROM,
+        STABLE_TO,
+        ANY_CHANGE,
+        STICK_SLIP,
+        LIFT_OFFS,
+        DOUBLE_IMPACT,
+        CHATTER,
+        HOP,
+    )
 }

@@ -1,5 +1,6 @@
 """An orbit: the fixed point of the fast part at a given spin, and all that follows from it."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -20,6 +21,7 @@ from dimersweep.runs.solving import exactly, run_row
 from dimersweep.runs.starting import start_of
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, Quantity
 
+FORMER_WORD = "PeriodicOrbit.word is PeriodicOrbit.sequence now; the former name goes with the next release"
 CIRCLE = 1e-12  # turn of a period [rad] that is none
 CHORDS = 16  # parts of a forcing period: with these the radius of the base case's path is known to 1e-6 m
 
@@ -115,8 +117,8 @@ class PeriodicOrbit:
         Whether all multipliers of the fast part are below 1 in size.
     residual : float
         How far the motion fails to close, but for the slow drift along the family, in units of the section.
-    word : str
-        The sequence of contact states (docs/orbits.md).
+    sequence : str
+        The symbol sequence: what contact states and impacts follow one another in a period (docs/orbits.md).
     cost : float
         Forcing periods of the map that it took.
     others : tuple of PeriodicOrbit
@@ -146,7 +148,7 @@ class PeriodicOrbit:
     slow_multiplier: float
     stable: bool
     residual: float
-    word: str
+    sequence: str
     cost: float
     rtol: float
     fixed: Fixed = field(repr=False)
@@ -175,6 +177,12 @@ class PeriodicOrbit:
     def path_speed(self) -> float:
         """Speed along the mean path of the centre of mass [m s-1]."""
         return self.path.speed
+
+    @property
+    def word(self) -> str:
+        """Former name of `sequence`."""
+        warnings.warn(FORMER_WORD, DeprecationWarning, stacklevel=2)
+        return self.sequence
 
     def run(self, periods: int = 100, rtol: float = 1e-8) -> Run:
         """A recorded run that starts on the orbit, at the plate's phase `phi0` of the parameters.
@@ -231,7 +239,7 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),
         residual=fixed.residual,
-        word=image.passage.word,
+        sequence=image.passage.sequence,
         cost=m.tape.periods,
         rtol=m.rtol,
         fixed=fixed,
@@ -252,12 +260,13 @@ COLUMNS = {
     "residual": Quantity("1", "how far the fast part fails to close, in units of the section"),
     "cost": Quantity("1", "forcing periods of the map spent up to here"),
 }
-WORDS = {
+TEXTS = {
     "stable": Quantity("1", "whether all multipliers of the fast part are below 1 in size"),
     "periods": Quantity("1", "forcing periods after which the motion repeats"),
     "di_end": QUANTITIES["di_end"],
     "word": Quantity("1", "sequence of contact states"),
 }
+NAMED = {"word": "sequence"}  # attributes of an orbit whose columns have other names, those of former files
 DOUBLING = Quantity("1", "coefficient of the flip: a stable orbit of twice the period begins where it is positive")
 MULTIPLIERS = {
     "multipliers_real": Quantity("1", "real parts of the multipliers of the fast part, the largest first"),
@@ -280,7 +289,10 @@ def multiplier_columns(dims: Sequence[str], rows: np.ndarray) -> dict[str, xr.Va
 
 def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Mapping[str, Column] = {}) -> xr.Dataset:
     """The attributes of orbits along `dim`, and `more` columns; parameters that all share are attributes of the dataset."""
-    columns = {name: ([getattr(orbit, name) for orbit in orbits], said) for name, said in (COLUMNS | WORDS).items()}
+    columns = {
+        name: ([getattr(orbit, NAMED.get(name, name)) for orbit in orbits], said)
+        for name, said in (COLUMNS | TEXTS).items()
+    }
     table = xr.Dataset()
     for name, (entries, said) in (columns | dict(more)).items():
         values = np.array(entries, dtype=float if name in COLUMNS else None)

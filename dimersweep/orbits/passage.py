@@ -3,10 +3,10 @@
 The axial spin of an orbit is that after its last impact in a period (of the drift: the end of the double impact), as
 `Run.orbit` has it. The bouncer is the end that is in contact for less of the time.
 
-The word is the sequence of contact states in a period, chatter counted as one symbol. A symbol is a state of sustained contact
-with its end (``SC_sk.1``), an impact with all its contact states (``DI_sp_sp>DI_sp_sk``), ``chatter.1`` for hops that die out,
-``FM`` for a lift-off, and ``far.2`` for an end that is in the air for more than half a forcing period: the line from which a
-ball counts as flying. The word begins with its double impact.
+The symbol sequence, sequence for short, has the contact states of a period in their order, chatter counted as one symbol. A
+symbol is a state of sustained contact with its end (``SC_sk.1``), an impact with all its contact states
+(``DI_sp_sp>DI_sp_sk``), ``chatter.1`` for hops that die out, ``FM`` for a lift-off, and ``far.2`` for an end that is in the air
+for more than half a forcing period: the line from which a ball counts as flying. The sequence begins with its double impact.
 """
 
 from collections import Counter
@@ -43,8 +43,8 @@ TURN = 2 * np.pi
 MANY = 4  # bounces that do not die out are counted so far: beyond, their number changes without end
 
 
-def word_of(events: np.ndarray, length: float, whole: bool = False) -> str:
-    """The word of one period of a motion, so long [rad], from its events; a `whole` one has all its bounces counted."""
+def sequence_of(events: np.ndarray, length: float, whole: bool = False) -> str:
+    """The sequence of one period of a motion, so long [rad], from its events; a `whole` one has all its bounces counted."""
     symbols = _chatter_as_one(_symbols(events), len(events) if whole else MANY)
     # it begins at its first double impact, or without one at the rotation that sorts first
     turns = [symbols[k:] + symbols[:k] for k in range(len(symbols))] or [[]]
@@ -113,51 +113,51 @@ def longest_hop(events: np.ndarray, end: int, length: float) -> float:
     return float(np.diff(times, append=times[0] + length)[leaves].max(initial=0.0))
 
 
-def far_ends(word: str) -> int:
+def far_ends(sequence: str) -> int:
     """Number of ends that are in the air for more than half a forcing period at a time."""
-    return sum(symbol.startswith("far") for symbol in word.split())
+    return sum(symbol.startswith("far") for symbol in sequence.split())
 
 
-def rests(word: str) -> bool:
+def rests(sequence: str) -> bool:
     """Whether an end stays on the plate for a part of the period."""
-    return any(symbol.startswith(("SC", "DC")) for symbol in word.split())
+    return any(symbol.startswith(("SC", "DC")) for symbol in sequence.split())
 
 
 class Sides(NamedTuple):
-    """How the words on the two sides of a change differ: those on this side of it, and those beyond."""
+    """How the sequences on the two sides of a change differ: those on this side of it, and those beyond."""
 
     least: dict[str, int]  # how often a symbol, or a pair of symbols, occurs on the side on which it occurs less often
     more: dict[str, bool]  # whether it occurs more often on this side
 
-    def here(self, word: str) -> bool:
-        """Whether a word is one of this side."""
-        return all(more == self.more[symbol] for symbol, more in self._more(word))
+    def here(self, sequence: str) -> bool:
+        """Whether a sequence is one of this side."""
+        return all(more == self.more[symbol] for symbol, more in self._more(sequence))
 
-    def beyond(self, word: str) -> bool:
-        """Whether a word is one of the other side.
+    def beyond(self, sequence: str) -> bool:
+        """Whether a sequence is one of the other side.
 
-        It is if it lacks all that goes there; if nothing goes, if it has all that comes. A word may belong to neither side.
+        It is if it lacks all that goes there; if nothing goes, if it has all that comes. A sequence may belong to neither side.
         """
-        changes = [(self.more[symbol], more != self.more[symbol]) for symbol, more in self._more(word)]
+        changes = [(self.more[symbol], more != self.more[symbol]) for symbol, more in self._more(sequence)]
         going = [changed for goes, changed in changes if goes]
         return all(going or [changed for _, changed in changes])
 
-    def described(self, word: str) -> str:
-        """The symbols that go (-) and come (+) from the side of a word to the other one."""
-        here = self.here(word)
+    def described(self, sequence: str) -> str:
+        """The symbols that go (-) and come (+) from the side of a sequence to the other one."""
+        here = self.here(sequence)
         return " ".join(f"{'-' if more == here else '+'}{name.replace(' ', '/')}" for name, more in self.more.items())
 
     def between(self, a: str, b: str) -> bool:
-        """Whether the change lies between two words."""
+        """Whether the change lies between two sequences."""
         return (self.here(a) and self.beyond(b)) or (self.here(b) and self.beyond(a))
 
-    def _more(self, word: str) -> Iterator[tuple[str, bool]]:
-        counts = _counted(word)
+    def _more(self, sequence: str) -> Iterator[tuple[str, bool]]:
+        counts = _counted(sequence)
         return ((symbol, counts[symbol] > least) for symbol, least in self.least.items())
 
 
 def sides_of(this: str, beyond: str, begins: str = "") -> Sides:
-    """How two words differ: in the symbols that occur, or in how often they do, or else in how often one follows another.
+    """How two sequences differ: in the symbols that occur, or in how often they do, or else in how often one follows another.
 
     Only symbols that begin with `begins` count.
     """
@@ -172,9 +172,9 @@ def sides_of(this: str, beyond: str, begins: str = "") -> Sides:
     )
 
 
-def _counted(word: str) -> Counter[str]:
+def _counted(sequence: str) -> Counter[str]:
     """How often each symbol occurs, and each pair."""
-    symbols = word.split()
+    symbols = sequence.split()
     return Counter(symbols) + Counter(f"{a} {b}" for a, b in pairwise(symbols))
 
 
@@ -192,14 +192,14 @@ class Passage:
         self.times = segments[:, PERIOD] * TURN + segments[:, PHASE]  # phases since the section [rad]
 
     @cached_property
-    def word(self) -> str:
-        """The word of the motion of which this is one period."""
-        return word_of(self.events, self.times[-1])
+    def sequence(self) -> str:
+        """The sequence of the motion of which this is one period."""
+        return sequence_of(self.events, self.times[-1])
 
     @cached_property
-    def whole_word(self) -> str:
-        """The word with all bounces counted."""
-        return word_of(self.events, self.times[-1], whole=True)
+    def whole_sequence(self) -> str:
+        """The sequence with all bounces counted."""
+        return sequence_of(self.events, self.times[-1], whole=True)
 
     @cached_property
     def bouncer(self) -> int:

@@ -25,7 +25,7 @@ from dimersweep.parameters import check_effect, check_name
 from dimersweep.symbols import PARAMETERS
 
 SHORT_ARC = 1e-3  # step from which on a kink is not avoided any more
-WORD_LOCATED = 1e-7  # how well a change of word is known, as a share of a step
+CHANGE_LOCATED = 1e-7  # how well a change of sequence is known, as a share of a step
 
 
 class Place(NamedTuple):
@@ -104,14 +104,14 @@ class Place(NamedTuple):
             return zero(at, lambda place: place.tests()[name], LOCATED)
 
         found = [(share, name) for name in self.tests() if (share := met(name)) is not None]
-        low, word, last = 0.0, self.found.orbit.word, b.found.orbit.word
-        while kind.rows and word != last and len(found) < MOST_CHANGES:
-            low, high = halved(lambda share: at[share].found.orbit.word, low, 1.0, WORD_LOCATED)
-            if high - low > WORD_LOCATED:
+        low, sequence, last = 0.0, self.found.orbit.sequence, b.found.orbit.sequence
+        while kind.rows and sequence != last and len(found) < MOST_CHANGES:
+            low, high = halved(lambda share: at[share].found.orbit.sequence, low, 1.0, CHANGE_LOCATED)
+            if high - low > CHANGE_LOCATED:
                 break
-            after = at[high].found.orbit.word
-            found.append((low, f"{kind.name}-{change_of(word, after).name}"))
-            low, word = high, after
+            after = at[high].found.orbit.sequence
+            found.append((low, f"{kind.name}-{change_of(sequence, after).name}"))
+            low, sequence = high, after
         return [(at[share], name) for share, name in sorted(found)]
 
     def to_end(self, span: tuple[float, float], points: int) -> "tuple[list[tuple[Place, str]], str]":
@@ -132,8 +132,8 @@ def _at_kink(found: Found) -> bool:
     """Whether contacts change so near a point that its derivatives are of two maps; the name of a hop counts for nothing."""
     fixed = found.orbit.fixed
     steps = 2 * fixed.map.step * np.eye(fixed.z.size)
-    words = (fixed.map.image(fixed.z + d).passage.word for d in (0.0, *steps, *-steps))
-    return len({word.split(" far")[0] for word in words}) > 1
+    sequences = (fixed.map.image(fixed.z + d).passage.sequence for d in (0.0, *steps, *-steps))
+    return len({sequence.split(" far")[0] for sequence in sequences}) > 1
 
 
 def border_curve(

@@ -1,4 +1,4 @@
-"""Special points of a branch: folds, flips, tori, changes of word, and among these where an end grazes.
+"""Special points of a branch: folds, flips, tori, changes of sequence, and among these where an end grazes.
 
 There an end comes down, turns in the air and just misses the plate. Where the gap at which it turns is zero an impact begins,
 and the map has a square root (Nordmark, doi 10.1016/0022-460X(91)90592-8): on the side of the impact no derivative is of use.
@@ -23,9 +23,11 @@ from dimersweep.orbits.manifold import eigenvector
 from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.poincare import TURN, Image, OrbitLost, ReturnMap
 
-MOST_CHANGES = 12  # word changes within one step; places at which an orbit is lost and found again
-JOINED = 0.1  # distance of points on both sides of a change of word that belong to one branch, in units of the section
-SHORTEST_SHARE = 1e-10  # share of a step to which a change of word is located where the parameter hardly changes
+MOST_CHANGES = 12  # sequence changes within one step; places at which an orbit is lost and found again
+JOINED = (
+    0.1  # distance of points on both sides of a change of sequence that belong to one branch, in units of the section
+)
+SHORTEST_SHARE = 1e-10  # share of a step to which a change of sequence is located where the parameter hardly changes
 FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
 GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
 BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
@@ -61,7 +63,7 @@ def least_gap(m: ReturnMap, image: Image) -> float:
 
 
 def graze(near: Point) -> tuple[Point, str]:
-    """The orbit near one at which an end just misses the plate, and the word beyond, where it strikes; lost if no end does."""
+    """The orbit near one at which an end just misses the plate, and the sequence where it strikes; lost if no end does."""
     aim = gap = least_gap(near.map, near.fixed.image)
     if not NO_GAP < gap < WIDE:
         raise OrbitLost("no end turns near the plate")
@@ -84,7 +86,7 @@ def graze(near: Point) -> tuple[Point, str]:
     opens = first[-1]
     at = with_derivatives(at._replace(tangent=opens), np.where(opens >= 0, 1.0, -1.0))
     beyond = at.axis.image(at.map, at.y - ACROSS * opens / np.abs(opens).max())
-    return at._replace(mark_slope=opens, grazes=True), beyond.passage.word
+    return at._replace(mark_slope=opens, grazes=True), beyond.passage.sequence
 
 
 class Special(NamedTuple):
@@ -93,15 +95,15 @@ class Special(NamedTuple):
     kind: Kind  # of border that the branch crosses there
     point: Point
     share: float  # of the step at which it lies
-    jump: float = 0.0  # of the orbit at a change of word, in units of the section
-    words: tuple[str, str] = ("", "")  # on both sides of it
+    jump: float = 0.0  # of the orbit at a change of sequence, in units of the section
+    sequences: tuple[str, str] = ("", "")  # on both sides of it
     beyond: Point | None = None  # the first orbit beyond it
 
 
-def specials(a: Point, b: Point, words: bool = True) -> tuple[list[Special], Special | None]:
-    """Special points of a step of a branch, in their order, and the change of word at which it leaps to another branch."""
+def specials(a: Point, b: Point, sequences: bool = True) -> tuple[list[Special], Special | None]:
+    """Special points of a step of a branch, in their order, and the change of sequence at which it leaps to another branch."""
     changes: list[Special] = []
-    for change in word_changes(a, b) if words else ():
+    for change in sequence_changes(a, b) if sequences else ():
         if change.jump > JOINED or len(changes) == MOST_CHANGES:
             return changes, change
         changes.append(change)
@@ -116,17 +118,17 @@ def located(kind: Kind, at: Between[Point]) -> Special | None:
     return None if share is None else Special(kind, at[share], share)
 
 
-def word_changes(a: Point, b: Point) -> Iterator[Special]:
-    """Where the word changes between two points of a branch, one after the other."""
+def sequence_changes(a: Point, b: Point) -> Iterator[Special]:
+    """Where the sequence changes between two points of a branch, one after the other."""
     low, left = 0.0, a
-    while left.word != b.word:
-        change = last_with(left.word.__eq__, low, left, b)
+    while left.sequence != b.sequence:
+        change = last_with(left.sequence.__eq__, low, left, b)
         yield change
         low, left = change.share, cast(Point, change.beyond)
 
 
 def last_with(holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Special:
-    """Where words cease to satisfy `holds`, between `left`, at which they do, and the end of the step, `b`.
+    """Where sequences cease to satisfy `holds`, between `left`, at which they do, and the end of the step, `b`.
 
     Where an end that sticks begins to slip, friction falls from mu_s to mu at once, and the map leaps: for a little way there
     may be no orbit, which counts as beyond the change. Where an end begins to strike, the change is where it grazes. The
@@ -139,31 +141,31 @@ def last_with(holds: Callable[[str], bool], low: float, left: Point, b: Point) -
     bracket.narrow(LOCATED)
     at = on_own_side(bracket.left, holds)
     jump = float(np.abs(at.y - bracket.right.y).max())
-    return _change(at, bracket.low, jump, (at.word, bracket.right.word), bracket.right)
+    return _change(at, bracket.low, jump, (at.sequence, bracket.right.sequence), bracket.right)
 
 
-def _change(at: Point, share: float, jump: float, words: tuple[str, str], beyond: Point) -> Special:
-    return Special(change_of(*words), at, share, jump, words, beyond)
+def _change(at: Point, share: float, jump: float, sequences: tuple[str, str], beyond: Point) -> Special:
+    return Special(change_of(*sequences), at, share, jump, sequences, beyond)
 
 
 def on_own_side(at: Point, holds: Callable[[str], bool]) -> Point:
-    """A point with its derivatives to the side on which the word satisfies `holds`, for each coordinate and the parameter."""
+    """A point with its derivatives, by each of y, to the side on which the sequence satisfies `holds`."""
 
     def kept(d: np.ndarray) -> bool:
         with suppress(OrbitLost):
-            return holds(at.axis.image(at.map, at.y + d).passage.word)
+            return holds(at.axis.image(at.map, at.y + d).passage.sequence)
         return False
 
     return with_derivatives(at, np.array([1.0 if kept(d) else -1.0 for d in at.map.one_sided * np.eye(at.y.size)]))
 
 
 class Bracket:
-    """A part of a step, from its share `low` to its end: at `left` the word satisfies the condition `holds`, at `right` not."""
+    """A part of a step, from its share `low` to its end: at `left` the sequence satisfies `holds`, at `right` not."""
 
     def __init__(self, holds: Callable[[str], bool], low: float, left: Point, right: Point) -> None:
         self.holds = holds
         self.low, self.left, self.right, self.at_right = low, left, right, 1.0
-        self.high = 1.0  # from here on the word does not satisfy it, or there was no orbit
+        self.high = 1.0  # from here on the sequence does not satisfy it, or there was no orbit
         self.begin, self.first, self.way = left.y, low, right.y - left.y
         self.length = max(abs(self.way[-1] / (1 - low)), LOCATED)
         self.steep = min(abs(left.tangent[-1]), abs(right.tangent[-1])) < NEAR_TURN
@@ -172,7 +174,7 @@ class Bracket:
     def narrow(self, width: float) -> None:
         """Halve the bracket until it is so wide, in the parameter over its scale, with the derivatives at its end.
 
-        Where the image of the middle has another word, the middle lies beyond, whether there is an orbit or not.
+        Where the image of the middle has another sequence, the middle lies beyond, whether there is an orbit or not.
         """
         for _ in range(MOST_CHANGES):
             while (self.high - self.low) * self.length > width and self.high - self.low > SHORTEST_SHARE:
@@ -190,12 +192,12 @@ class Bracket:
             self.high = self.at_right
 
     def _look_beyond(self) -> bool:
-        """Find the next orbit beyond with another word; whether it lies right at the end of the bracket."""
+        """Find the next orbit beyond with another sequence; whether it lies right at the end of the bracket."""
         share, step = self.high, self.high - self.low
         while share < self.at_right:
             with suppress(OrbitLost):
                 point = lent(self.right, *self._plane(share), most=0)
-                if not self.holds(point.word):
+                if not self.holds(point.sequence):
                     self.right, self.at_right = point, share
                     break
             share, step = share + step, FURTHER * step
@@ -204,13 +206,13 @@ class Bracket:
     def _take(self, share: float, near: Point) -> None:
         """Move the start of the bracket to the orbit at a share of the step, found with the derivatives of a point nearby.
 
-        It is lost if there is none, or its word does not satisfy the condition.
+        It is lost if there is none, or its sequence does not satisfy the condition.
         """
         y, normal = self._plane(share)
 
         def off_plane(there: np.ndarray, _: ReturnMap, image: Image) -> float:
-            if not self.holds(image.passage.word):
-                raise OrbitLost("the word changes")
+            if not self.holds(image.passage.sequence):
+                raise OrbitLost("the sequence changes")
             return float(normal @ (there - y))
 
         point = Equations(near, off_plane).solved(y, known=np.vstack([near.matrix(), normal]))[0]
@@ -232,18 +234,18 @@ class Bracket:
         return start + part * way[-1] * self.slope, np.eye(way.size)[-1]
 
     def grazing(self) -> Special:
-        """Where an end grazes in the bracket; lost if none does, or the words on both sides satisfy the condition alike."""
+        """Where an end grazes in the bracket; lost if none does, or the sequences on both sides satisfy the condition alike."""
         near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image))
         at, struck = graze(near)
-        missed = at.word
+        missed = at.sequence
         low, high = sorted((self.left.value, self.right.value))
         aside = GRAZING * at.axis.scale  # the branch may turn back at the graze
         if not low - aside <= at.value <= high + aside or self.holds(missed) == self.holds(struck):
-            raise OrbitLost("no end grazes where the word changes")
+            raise OrbitLost("no end grazes where the sequence changes")
         share = self.first + (1 - self.first) * ((at.y - self.begin) @ self.way) / (self.way @ self.way)
         if near is self.right:
-            return _change(at, share, 0.0, (self.left.word, missed), at)
-        return _change(at, share, 0.0, (self.left.word, struck), self.right)
+            return _change(at, share, 0.0, (self.left.sequence, missed), at)
+        return _change(at, share, 0.0, (self.left.sequence, struck), self.right)
 
 
 def doubled(flip: Point) -> Point:

@@ -1,6 +1,6 @@
 """Where a stable orbit ceases to be stable, or to be, along its branch.
 
-That is a fold, a flip or a torus, or a change of word over which the multipliers leap, or beyond which there is no such orbit.
+That is a fold, a flip or a torus, or a change of sequence over which multipliers leap, or beyond which there is no such orbit.
 """
 
 from collections.abc import Callable, Collection, Iterator
@@ -14,18 +14,18 @@ from dimersweep.orbits.branch import Point, point_of
 from dimersweep.orbits.continuation import SEARCHING, Between, halved, steps
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import orbit_at, settled_on
-from dimersweep.orbits.kinds import BORDER_KINDS, WORD, Kind, StabilityEnd, change_of
+from dimersweep.orbits.kinds import ANY_CHANGE, BORDER_KINDS, Kind, StabilityEnd, change_of
 from dimersweep.orbits.manifold import multipliers_of
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import TURN, OrbitLost
-from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, located, on_own_side, word_changes
+from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, located, on_own_side, sequence_changes
 
-NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which on changes of word are looked for
+NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which on changes of sequence are looked for
 GAP = 1e-2  # part of the parameter over which an orbit may be missing or leap
 GAPS = (0.1 * GAP, GAP)  # beyond which it is taken up
 FIRST_PUSH, LAST_PUSH, PUSH_GROWTH = 1e-5, 1e-9, 3.0  # steps of the parameter to the last stable orbit
-AHEAD = (1e-5, 1e-4, 1e-3, 1e-2)  # how far beyond the last orbit of a branch the word is looked at
+AHEAD = (1e-5, 1e-4, 1e-3, 1e-2)  # how far beyond the last orbit of a branch the sequence is looked at
 
 Holds = Callable[[Point], bool]  # a property of an orbit
 
@@ -38,8 +38,8 @@ def is_stable(point: Point) -> bool:
 def stability_end(begin: Point) -> Special:
     """The end of the stability of an orbit, along its branch in the sense of the tangent; lost if none is met.
 
-    Its point is that of the bifurcation, or the last stable orbit before a change of word. Where the branch does not go on but
-    a stable orbit exists nearby at a parameter a little further, up to `GAP`, that one is taken up.
+    Its point is that of the bifurcation, or the last stable orbit before a change of sequence. Where the branch does not go on
+    but a stable orbit exists nearby at a parameter a little further, up to `GAP`, that one is taken up.
     """
     point, sense = begin, float(np.sign(begin.tangent[-1]))
     for _ in range(MOST_CHANGES):
@@ -64,7 +64,7 @@ def stability_end(begin: Point) -> Special:
 
 
 def last_that(holds: Holds, begin: Point) -> Point:
-    """The last orbit with a property, in the sense of the tangent of the first, where it is lost by a change of word.
+    """The last orbit with a property, in the sense of the tangent of the first, where it is lost by a change of sequence.
 
     It is lost if the first orbit does not have the property, or all that are met have it.
     """
@@ -116,18 +116,18 @@ def _furthest(holds: Holds, point: Point, sense: float) -> tuple[Point, bool]:
 
 
 def across(holds: Holds, point: Point, sense: float) -> tuple[Point, Point]:
-    """The last orbit with the word of a point where its branch is lost, and the next one nearby with a property beyond it.
+    """The last orbit with the sequence of a point where its branch is lost, and the next one nearby with a property beyond it.
 
-    Both are the same one where an orbit with that word goes on. It is lost if there is none beyond.
+    Both are the same one where an orbit with that sequence goes on. It is lost if there is none beyond.
     """
-    word = point.word
-    last, goes_on = _furthest(lambda orbit: orbit.word == word, point, sense)
+    sequence = point.sequence
+    last, goes_on = _furthest(lambda orbit: orbit.sequence == sequence, point, sense)
     if goes_on:
         return last, last
     beyond = beyond_gap(holds, last, sense)
     if beyond is None:
         raise OrbitLost("the branch does not go on")
-    return on_own_side(last, word.__eq__), beyond
+    return on_own_side(last, sequence.__eq__), beyond
 
 
 def beyond_gap(holds: Holds, point: Point, sense: float) -> Point | None:
@@ -179,30 +179,30 @@ def _in_step(a: Point, b: Point) -> Special:
     shares = halved(lambda share: is_stable(at[share]), 0.0, 1.0, NARROW_STRETCH / at.length)
     low, high = (at[share] for share in shares)
     with suppress(OrbitLost):
-        for change in islice(word_changes(low, high), MOST_CHANGES):
+        for change in islice(sequence_changes(low, high), MOST_CHANGES):
             if change.jump > JOINED or not _is_stable_on_own_side(cast(Point, change.beyond)):
                 return change
-    whole = [point.fixed.image.passage.whole_word for point in (low, high)]
-    kind = change_of(*whole) if whole[0] != whole[1] else WORD
-    return Special(kind, low, 0.0, 0.0, (low.word, high.word))
+    whole = [point.fixed.image.passage.whole_sequence for point in (low, high)]
+    kind = change_of(*whole) if whole[0] != whole[1] else ANY_CHANGE
+    return Special(kind, low, 0.0, 0.0, (low.sequence, high.sequence))
 
 
 def _is_stable_on_own_side(beyond: Point) -> bool:
-    """Whether the first orbit beyond a change of word is stable, by derivatives to its own side."""
+    """Whether the first orbit beyond a change of sequence is stable, by derivatives to its own side."""
     with suppress(OrbitLost):
-        return is_stable(on_own_side(beyond, beyond.word.__eq__))
+        return is_stable(on_own_side(beyond, beyond.sequence.__eq__))
     return False
 
 
 def _kind_beyond(last: Point) -> Kind:
     """The kind of change where a branch does not go on, from images of points beyond, which are no orbits."""
-    word = last.fixed.image.passage.whole_word
+    sequence = last.fixed.image.passage.whole_sequence
     for by in AHEAD:
         with suppress(OrbitLost):
-            other = last.axis.image(last.map, last.y + by * last.tangent).passage.whole_word
-            if other != word:
-                return change_of(word, other)
-    return WORD
+            other = last.axis.image(last.map, last.y + by * last.tangent).passage.whole_sequence
+            if other != sequence:
+                return change_of(sequence, other)
+    return ANY_CHANGE
 
 
 class StabilityCurve(Curve, of=StabilityEnd):

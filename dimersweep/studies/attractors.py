@@ -41,13 +41,13 @@ OF_AN_ORBIT = tuple(name for name in COLUMNS if name != "cost")  # numbers of an
 def border_between(orbit: PeriodicOrbit, name: str, to: float) -> tuple[float, str]:
     """Where the branch of an orbit first loses its stability, or ends, on the way to a value of a parameter, and its kind.
 
-    The spin is kept. The kind is that of a border of `orbits`, word where the orbit leaps to another word, lost where Newton's
-    method loses it; none, with NaN, if the orbit goes on all the way: then only its basin was not met. An orbit that comes to
-    repeat after fewer periods has joined that of these, where the latter loses its stability.
+    The spin is kept. The kind is that of a border of `orbits`, word where the orbit leaps to another sequence, lost where
+    Newton's method loses it; none, with NaN, if the orbit goes on all the way: then only its basin was not met. An orbit
+    that comes to repeat after fewer periods has joined that of these, where the latter loses its stability.
     """
     trace = traced(orbit, name, to)
     for entry in trace.entries:
-        if entry.kind is not None and not entry.kind.of_word:
+        if entry.kind is not None and not entry.kind.of_sequence:
             return entry.value, entry.kind.name
         shorter = features_of_orbit(entry.orbit, Mirrors(plane=False, ends=False)).least_period()
         if shorter < orbit.periods:
@@ -358,10 +358,10 @@ def _of_orbit(name: str, attractor: Attractor) -> float:
     return nan if attractor.orbit is None else float(getattr(attractor.orbit, name))
 
 
-def _word(attractor: Attractor) -> str:
+def _sequence(attractor: Attractor) -> str:
     if attractor.orbit is not None:
-        return attractor.orbit.word
-    return "" if attractor.features is None else attractor.features.word
+        return attractor.orbit.sequence
+    return "" if attractor.features is None else attractor.features.sequence
 
 
 # variables of each attractor: attributes, what stands where it is not met, and how it is read
@@ -373,7 +373,7 @@ _READ: dict[str, tuple[dict[str, Any], Any, Callable[[Attractor], Any]]] = {
         0,
         lambda one: 0 if one.features is None else one.features.periods,
     ),
-    "word": (_meaning("sequence of contact states"), "", _word),
+    "word": (_meaning("sequence of contact states"), "", _sequence),
     "representative": (_meaning("number of a start that leads there"), NONE, lambda one: one.representative),
     "orbit": (_meaning("whether its orbit was found"), False, lambda one: one.orbit is not None),
     "stable": (

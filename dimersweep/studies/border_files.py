@@ -328,7 +328,7 @@ def _branch(
 ) -> xr.Dataset:
     """The branch from the orbit at a point to an end."""
     orbit = find(spin=branches.spin, **point)  # type: ignore[arg-type]
-    how: dict[str, Any] = {"points": branches.points, "switch": branches.switch, "words": branches.words}
+    how: dict[str, Any] = {"points": branches.points, "switch": branches.switch, "sequences": branches.words}
     table = follow(orbit, branches.parameter, to=end, **how)
     size = table.sizes["point"]
     tell(f"{_at(point, declared)}to {branches.parameter} = {end:g}: {size} points; {table.attrs['end']}")

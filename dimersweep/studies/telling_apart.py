@@ -167,18 +167,18 @@ class Classifier:
 
 
 def _typical(left: Mapping[int, Features]) -> int:
-    """The start in the middle of the spins of those with the period and word that occur most often."""
+    """The start in the middle of the spins of those with the period and sequence that occur most often."""
     kinds: dict[tuple[int, str], list[int]] = {}
     for start, features in left.items():
-        kinds.setdefault((features.periods, features.word), []).append(start)
+        kinds.setdefault((features.periods, features.sequence), []).append(start)
     most = max(kinds.values(), key=len)
     return sorted(most, key=lambda start: left[start].spin)[len(most) // 2]
 
 
 def _linked(first: int, near: Mapping[int, Features], mirrors: Mirrors) -> list[int]:
-    """The starts that a chain of like motions of one word joins to the first; without an orbit the spin cannot be carried."""
-    word = near[first].word
-    left = {start for start, features in near.items() if features.word == word} - {first}
+    """The starts that a chain of like motions of one sequence joins to the first, where no orbit carries the spin."""
+    sequence = near[first].sequence
+    left = {start for start, features in near.items() if features.sequence == sequence} - {first}
     chain, joined = [first], [first]
     while joined:
         here = near[joined.pop()]
@@ -192,7 +192,7 @@ def _linked(first: int, near: Mapping[int, Features], mirrors: Mirrors) -> list[
 def distance(former: Attractor, later: Attractor, name: str, value: float, mirrors: Mirrors) -> float:
     """How far an attractor is from a former one that is carried to `value` of the parameter `name`; inf if it is another.
 
-    The orbit of the former one is followed to the value, and to the spin there. Where that has none, period and word decide.
+    The orbit of the former one is followed to the value, and to the spin there. Without one, period and sequence decide.
     """
     if former.features is None or later.features is None:
         return 0.0 if former.features is later.features and former.mode == later.mode else float("inf")
@@ -206,5 +206,5 @@ def distance(former: Attractor, later: Attractor, name: str, value: float, mirro
             return far if far < ALIKE_WITHIN else float("inf")
         except (OrbitError, OrbitLost):
             pass
-    same = former.features.word == later.features.word
+    same = former.features.sequence == later.features.sequence
     return 1.0 + apart(former.features, later.features, mirrors) if same else float("inf")

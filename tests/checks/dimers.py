@@ -45,7 +45,7 @@ def stability_at(dimer, Gamma, guess=None):
         orbit = orbits.find(Gamma=Gamma, guess=guess, **dimer)
     except OrbitError:
         return "none"
-    if far_ends(orbit.word) == 0 or not np.isfinite(orbit.radius):
+    if far_ends(orbit.sequence) == 0 or not np.isfinite(orbit.radius):
         return "another motion"
     return "stable" if orbit.stable else "unstable"
 

@@ -1,4 +1,4 @@
-"""Curves along which the word of an orbit changes.
+"""Curves along which the sequence of an orbit changes.
 
 Where an end grazes, or a hop lasts half a period, the border is the zero of a function of the orbit (a mark), and Newton's
 method finds it from where the tangent of the curve leads. Elsewhere the orbit may leap, and the border is enclosed between two
@@ -17,7 +17,7 @@ import numpy as np
 from dimersweep.orbits.branch import Equations, Mark, Point, lent, with_derivatives
 from dimersweep.orbits.continuation import SEARCHING, Between, steps
 from dimersweep.orbits.curve import Curve, Found
-from dimersweep.orbits.kinds import COMPLEX, FLIP, FOLD, WORD, Change, change_of
+from dimersweep.orbits.kinds import ANY_CHANGE, COMPLEX, FLIP, FOLD, Change, change_of
 from dimersweep.orbits.manifold import lag, multipliers_of
 from dimersweep.orbits.newton import defect, system
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, orbit_of
@@ -27,10 +27,10 @@ from dimersweep.orbits.specials import MOST_CHANGES, Special, graze, last_with, 
 from dimersweep.orbits.stability_end import across, beyond_gap, is_stable, last_that
 
 POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
-WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of word, in the parameter over its scale
-SAME_CHANGE = 1e-7  # distance of two changes of word that are one, in the parameter over its scale
+WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of sequence, in the parameter over its scale
+SAME_CHANGE = 1e-7  # distance of two changes of sequence that are one, in the parameter over its scale
 BENT = 1e-2  # difference of multipliers to one side of a point and to both, beyond which the map has a kink there
-NO_JUMP = 1e-8  # jump of an orbit at a change of word that is none, in units of the section
+NO_JUMP = 1e-8  # jump of an orbit at a change of sequence that is none, in units of the section
 CORNER = 2e-3  # distance of a point from where its curve leads, in the parameter over its scale, from which on it has a corner
 PARTS = 5  # halvings of a step of a branch in which a hop comes near its line
 DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
@@ -41,7 +41,7 @@ TANGENT_SHARE = 1e-3  # of the way to the next point, over which a derivative is
 
 def comes_to_rest(point: Point) -> bool:
     """Whether an end stays on the plate for a part of the period."""
-    return rests(point.word)
+    return rests(point.sequence)
 
 
 def crept(at: Point, mark: Mark) -> float:
@@ -60,22 +60,22 @@ def _has_turned(orbit: PeriodicOrbit) -> bool:
     return bool((real > 1).sum() % 2)
 
 
-class WordCurve(Curve, of=Change):
-    """A curve along which the word changes: see `Curve`."""
+class SequenceCurve(Curve, of=Change):
+    """A curve along which the sequence changes: see `Curve`."""
 
     many: ClassVar = True
 
     def status(self, found: Found) -> str:
         if found.sides is None:
             return "several beyond, of motions that come to no rest"
-        if not rests(found.orbit.word):
+        if not rests(found.orbit.sequence):
             return "one of several"
         return f"one of {len(found.several)}" if found.several else "ok"
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
-        words = "what goes (-) and comes (+) in the word beyond: symbols, or pairs of them (a/b)"
-        changes = [one.sides.described(one.orbit.word) if one.sides else "" for one in found]
-        columns = super().columns(found) | {"change": (changes, words)}
+        sequences = "what goes (-) and comes (+) in the sequence beyond: symbols, or pairs of them (a/b)"
+        changes = [one.sides.described(one.orbit.sequence) if one.sides else "" for one in found]
+        columns = super().columns(found) | {"change": (changes, sequences)}
         if most := max(len(one.several) for one in found):
             values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found])
             columns["several"] = (values, f"{self.parameter} of all such changes along the branch of the stable orbit")
@@ -90,7 +90,7 @@ class WordCurve(Curve, of=Change):
         if not comes_to_rest(ways[0]):
             return self._taken_up(self._first_met(ways))
         changes = [special for way in ways for special in self._changes(way)]
-        if not changes and orbit.stable and far_ends(orbit.word) == 1:
+        if not changes and orbit.stable and far_ends(orbit.sequence) == 1:
             return self._to_pieces(ways)
         if not changes:
             raise OrbitLost(f"no {self.kind.name} is met")
@@ -102,7 +102,7 @@ class WordCurve(Curve, of=Change):
 
     def _taken_up(self, special: Special) -> Found:
         """The point of the border at a special point of a branch."""
-        at, sides = special.point, sides_of(*special.words, self.kind.begins)
+        at, sides = special.point, sides_of(*special.sequences, self.kind.begins)
         smooth = special.jump < NO_JUMP and not at.grazes
         if smooth and (mark := self.kind.mark(sides)):
             with suppress(OrbitLost):
@@ -113,7 +113,7 @@ class WordCurve(Curve, of=Change):
         return self._found(at, sides, float(np.sign(at.tangent[-1])))
 
     def _is_met(self, special: Special) -> bool:
-        return special.kind.of_word and self.kind in (WORD, special.kind)
+        return special.kind.of_sequence and self.kind in (ANY_CHANGE, special.kind)
 
     def _first_met(self, ways: list[Point]) -> Special:
         for way in ways:
@@ -147,9 +147,9 @@ class WordCurve(Curve, of=Change):
                     last, point = across(comes_to_rest, last, sense)
                 except OrbitLost:
                     return
-            words = last.word, point.word
-            if words[0] != words[1]:
-                special = Special(change_of(*words), last, 1.0, np.nan, words)
+            sequences = last.sequence, point.sequence
+            if sequences[0] != sequences[1]:
+                special = Special(change_of(*sequences), last, 1.0, np.nan, sequences)
                 if self._is_met(special):
                     yield special
 
@@ -170,7 +170,7 @@ class WordCurve(Curve, of=Change):
         found, leap = specials(a, b)
         if leap is None:
             return found, comes_to_rest(b)
-        further, goes_on = self._specials(cast(Point, leap.beyond), b) if rests(leap.words[1]) else ([], False)
+        further, goes_on = self._specials(cast(Point, leap.beyond), b) if rests(leap.sequences[1]) else ([], False)
         return [*found, leap, *further], goes_on
 
     def _to_pieces(self, ways: list[Point]) -> Found:
@@ -187,7 +187,7 @@ class WordCurve(Curve, of=Change):
     def _found(self, at: Point, sides: Sides, sense: float) -> Found:
         """A point of the curve, in a section that suits the next one.
 
-        Beyond it the parameter changes in the `sense` (1 or -1); 0 where the map is smooth, and nothing but the word changes.
+        Beyond it the parameter changes in the `sense` (1 or -1); 0 where the map is smooth and only the sequence changes.
         """
         if at.grazes:
             sense = -float(np.sign(cast(np.ndarray, at.mark_slope)[-1]))  # the end strikes there
@@ -197,7 +197,7 @@ class WordCurve(Curve, of=Change):
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         """The point one step from neighbours, with all others that their motion has."""
-        if near[0].sides is None or not rests(near[0].orbit.word):
+        if near[0].sides is None or not rests(near[0].orbit.sequence):
             raise OrbitLost("the neighbour's motion comes to no rest")
         others = []
         for k in range(len(near[0].others)):
@@ -211,7 +211,7 @@ class WordCurve(Curve, of=Change):
 
     def _one(self, given: dict[str, float], near: list[Found]) -> Found:
         found = self._near(given, near)
-        if not rests(found.orbit.word) or _has_turned(found.orbit) != _has_turned(near[0].orbit):
+        if not rests(found.orbit.sequence) or _has_turned(found.orbit) != _has_turned(near[0].orbit):
             raise OrbitLost("the point found is one of another motion")
         return found
 
@@ -256,16 +256,16 @@ class WordCurve(Curve, of=Change):
         width = min(WIDEST, max(NARROWEST, doubt))
         while width <= WIDEST:
             ends = [self._at(given, near, np.append(y[:-1], y[-1] + by)) for by in (-width, width)]
-            words = [end.word for end in ends]
-            if sides.between(*words):
-                this, other = ends if sides.here(words[0]) else ends[::-1]
+            sequences = [end.sequence for end in ends]
+            if sides.between(*sequences):
+                this, other = ends if sides.here(sequences[0]) else ends[::-1]
                 change = last_with(sides.here, 0.0, this, other)
-                if not sides.beyond(change.words[1]):
+                if not sides.beyond(change.sequences[1]):
                     raise OrbitLost(f"another change is nearer at {self.parameter} = {change.point.value:.6g}")
                 return self._found(change.point, sides, float(np.sign(other.value - this.value)))
             width *= WIDER
         at = y[-1] * self.axis.scale
-        raise OrbitLost(f"no change of word within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
+        raise OrbitLost(f"no change of sequence within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
 
     # --- the zero of a mark ----------------------------------------------------------------------------------------
 
@@ -275,17 +275,19 @@ class WordCurve(Curve, of=Change):
         for opened in OPENED:
             with suppress(OrbitLost):
                 at, struck = graze(self._at(given, near, y + opened * near.tangent).settled())
-                if sides.between(at.word, struck):
+                if sides.between(at.sequence, struck):
                     self._smooth(at, near, y[-1])
                     return self._found(at, sides, 0.0)
-        raise OrbitLost(f"no end grazes where the word changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}")
+        raise OrbitLost(
+            f"no end grazes where the sequence changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}"
+        )
 
     def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
         """The orbit at which the function of the kind is zero."""
         y, known = self._ahead(given, near, mark)
         equations = _equations(self._beside(given, near, y), mark)
         at, _ = equations.solved(y, equations.derivative, known, MOST_DERIVATIVES)
-        if np.abs(at.y - y).max() > POINT_REACH or not sides.here(at.word):
+        if np.abs(at.y - y).max() > POINT_REACH or not sides.here(at.sequence):
             raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {equations.near.value:.6g}")
         self._smooth(at, near, y[-1])
         return self._at_zero(at, sides, mark)

@@ -1,4 +1,4 @@
-"""Curves along which the word changes, against orbits found on both sides of them."""
+"""Curves along which the sequence changes, against orbits found on both sides of them."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from tests.checks.tables import multipliers
 
 pytestmark = pytest.mark.slow
 
-# kind: fixed parameters, e, and how far from the border orbits found in sections of their own surely have its words
+# kind: fixed parameters, e, and how far from the border orbits found in sections of their own surely have its sequences
 CURVES = {
     "stick_slip": ({"A_r": 6.0}, np.linspace(0.6, 0.64, 3), 2e-4),  # the same symbols on both sides, but other counts
     "chatter": ({"A_r": 8.0}, np.linspace(0.6, 0.68, 5), 5e-6),
@@ -42,7 +42,7 @@ def found(curve, point, by):
         return None
 
 
-def test_orbits_found_beside_it_have_the_words_that_it_tells(curve):
+def test_orbits_found_beside_it_have_the_sequences_that_it_tells(curve):
     """Where the orbit leaps there may be none beyond for a little way."""
     kind = curve.attrs["kind"]
     assert np.isfinite(curve["Gamma"]).all()
@@ -50,12 +50,14 @@ def test_orbits_found_beside_it_have_the_words_that_it_tells(curve):
         point = curve.isel(e=k)
         count = int(np.isfinite(point["several"]).sum()) if "several" in curve else 0
         assert str(point["status"].values) == (f"one of {count}" if count else "ok")
-        word = str(point["word"].values)
+        sequence = str(point["word"].values)
         beside = [found(curve, point, by) for by in (-CURVES[kind][2], CURVES[kind][2])]
-        words = [orbit.word for orbit in beside if orbit is not None]
-        assert words.count(word) == 1
-        for beyond in set(words) - {word}:
-            assert sides_of(word, beyond, BORDER_KINDS[kind].begins).described(word) == str(point["change"].values)
+        sequences = [orbit.sequence for orbit in beside if orbit is not None]
+        assert sequences.count(sequence) == 1
+        for beyond in set(sequences) - {sequence}:
+            assert sides_of(sequence, beyond, BORDER_KINDS[kind].begins).described(sequence) == str(
+                point["change"].values
+            )
 
 
 @pytest.mark.parametrize("curve", [kind for kind in CURVES if kind != "chatter"], indirect=True)
@@ -65,7 +67,7 @@ def test_its_multipliers_are_those_of_orbits_on_its_side(curve):
     for k in range(curve.sizes["e"]):
         point = curve.isel(e=k)
         beside = [found(curve, point, by) for by in (-2e-4, 2e-4)]
-        (near,) = [orbit for orbit in beside if orbit is not None and orbit.word == str(point["word"].values)]
+        (near,) = [orbit for orbit in beside if orbit is not None and orbit.sequence == str(point["word"].values)]
         side = np.sign(near.parameters["Gamma"] - float(point["Gamma"]))
         sizes, nearer = (np.sort(np.abs(one.multipliers)) for one in (near, found(curve, point, side * 5e-5)))
         if kind == "hop" and np.abs(sizes - nearer).max() > 5e-3:
@@ -129,11 +131,11 @@ def test_three_hops_of_one_motion_are_numbered():
     """The hop of p1 passes its line, falls below it again, and leaps across it where its first bounce grazes the plate."""
     hop = orbits.border("hop", "Gamma", over={"e": [0.49]}, spin=100.0).isel(e=0)
     assert str(hop["status"].values) == "one of 3" and float(hop["Gamma"]) in hop["several"].values
-    orbit, at, words = orbits.find(spin=100.0, e=0.49, Gamma=1.32), hop["several"].values, []
+    orbit, at, sequences = orbits.find(spin=100.0, e=0.49, Gamma=1.32), hop["several"].values, []
     for Gamma in (1.345, at[0] - 1e-5, at[0] + 1e-5, at[1] - 1e-5, at[1] + 1e-5, at[2] - 1e-5, at[2] + 1e-5):
         orbit = orbits.find(guess=orbit, Gamma=float(Gamma))
-        words.append("far.1" in orbit.word)
-    assert words == [False, False, True, True, False, False, True]
+        sequences.append("far.1" in orbit.sequence)
+    assert sequences == [False, False, True, True, False, False, True]
 
 
 @pytest.mark.parametrize("kind", ["word", "lift_off"])
@@ -189,7 +191,7 @@ def test_an_event_that_comes_to_the_section_of_a_branch_is_not_where_its_motion_
     Gamma = float(orbits.border("hop", "Gamma", over={"e": [0.72]}, spin=100.0, **SHORT)["Gamma"][0])
     inside = orbits.find(Gamma=1.21, e=0.72, spin=100.0, **SHORT)
     for by, at_rest in ((-1e-3, True), (-1e-4, True), (2e-3, False)):
-        assert rests(orbits.find(guess=inside, Gamma=Gamma + by).word) == at_rest
+        assert rests(orbits.find(guess=inside, Gamma=Gamma + by).sequence) == at_rest
 
 
 def test_changes_are_listed_beyond_where_an_orbit_leaps_to_another_contact():
@@ -204,11 +206,11 @@ def test_changes_are_listed_beyond_where_an_orbit_leaps_to_another_contact():
     assert str(bounces["status"].values) == "one of 2"
     before, beyond = orbits.find(Gamma=0.69, **dimer), orbits.find(Gamma=0.7, **dimer)
     at, then = float(slips["Gamma"]), float(bounces["Gamma"])
-    words = [
-        orbits.find(guess=guess, **dimer | {"Gamma": Gamma}).word
+    sequences = [
+        orbits.find(guess=guess, **dimer | {"Gamma": Gamma}).sequence
         for guess, Gamma in ((before, at - 1e-5), (beyond, at + 1e-5), (None, then - 2e-4), (None, then + 2e-4))
     ]
-    assert ["SC1_sk.1" in word for word in words] == [True, False, False, False]
-    assert ["bounces.2" in word for word in words] == [False, False, False, True]
+    assert ["SC1_sk.1" in sequence for sequence in sequences] == [True, False, False, False]
+    assert ["bounces.2" in sequence for sequence in sequences] == [False, False, False, True]
     over = orbits.find(guess=before, Gamma=at + 1e-5)
-    assert over.word == words[1] and "SC1_sk.1" in before.word
+    assert over.sequence == sequences[1] and "SC1_sk.1" in before.sequence
