@@ -18,7 +18,7 @@ from dimersweep.fits.pictures import draw_fit
 from dimersweep.fits.tracks import Track
 from dimersweep.orbits.finding import RTOL
 from dimersweep.orbits.orbit import PeriodicOrbit
-from dimersweep.orbits.poincare import Tape
+from dimersweep.orbits.poincare import Recorder
 from dimersweep.symbols import PARAMETERS, units_shown
 
 FIRST_LOOKS = 8  # points of the ranges that are looked at for each free parameter, and once more
@@ -226,19 +226,19 @@ class _Search:
     def __init__(self, likelihood: Likelihood) -> None:
         self.likelihood = likelihood
         self.width = likelihood.high - likelihood.low
-        self.tape = Tape()
+        self.recorder = Recorder()
         self.last: _Point | None = None
         self.reason: Exception | None = None
 
     def at(self, u: np.ndarray, guess: PeriodicOrbit | None = None) -> _Point | None:
         """The point with its orbit, found from one nearby or from nothing; None if there is none."""
-        before, self.last = self.tape.periods, None
+        before, self.last = self.recorder.periods, None
         try:
-            orbit = self.likelihood.orbit(self.likelihood.low + u * self.width, guess, self.tape)
+            orbit = self.likelihood.orbit(self.likelihood.low + u * self.width, guess, self.recorder)
             residuals = self.likelihood.residuals(orbit)
             if not np.isfinite(residuals).all():
                 raise OrbitError("the orbit goes round in no circle")
-            self.last = _Point(u.copy(), replace(orbit, cost=self.tape.periods - before), residuals)
+            self.last = _Point(u.copy(), replace(orbit, cost=self.recorder.periods - before), residuals)
         except (OrbitError, ParameterError) as error:
             self.reason = error
         return self.last
@@ -263,7 +263,7 @@ class _Search:
         if isinstance(self.reason, ParameterError) and not found:
             raise self.reason
         if not found:
-            looked = f"{len(looks)} points of the ranges ({self.tape.periods:,.0f} forcing periods)"
+            looked = f"{len(looks)} points of the ranges ({self.recorder.periods:,.0f} forcing periods)"
             raise OrbitError(f"no stable orbit at any of {looked}; at the last one: {self.reason}")
         places, misfits = (np.array(column) for column in zip(*((one.u, one.misfit) for one in found), strict=True))
         near = np.array([np.argsort(np.linalg.norm(places - u, axis=1))[: 2 * n + 1] for u in places])
@@ -383,7 +383,7 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
         predicted=predicted,
         orbit=best.orbit,
         ranges=dict(zip(values, zip(likelihood.low.tolist(), likelihood.high.tolist(), strict=True), strict=True)),
-        cost=search.tape.periods,
+        cost=search.recorder.periods,
     )
 
 

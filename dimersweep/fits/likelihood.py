@@ -11,7 +11,7 @@ from dimersweep.fits.tracks import Track
 from dimersweep.inputs import as_number, check_rtol, number
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
 from dimersweep.orbits.orbit import PeriodicOrbit
-from dimersweep.orbits.poincare import Tape
+from dimersweep.orbits.poincare import Recorder
 from dimersweep.parameters import check, check_effect, check_level, check_name
 from dimersweep.symbols import BASE
 
@@ -88,7 +88,9 @@ class Likelihood:
         """The free parameters at a point, by name."""
         return dict(zip(self.names, map(float, point), strict=True))
 
-    def orbit(self, point: np.ndarray, guess: PeriodicOrbit | None = None, tape: Tape | None = None) -> PeriodicOrbit:
+    def orbit(
+        self, point: np.ndarray, guess: PeriodicOrbit | None = None, recorder: Recorder | None = None
+    ) -> PeriodicOrbit:
         """The stable orbit at a point: a motion that is measured is stable.
 
         Raises
@@ -101,7 +103,7 @@ class Likelihood:
         values = self.values(point)
         spin = values.pop("spin", self.spin)
         given = checked({**self.fixed, **values})
-        orbit = orbit_at(given, checked_spin(spin, given), guess=guess, rtol=self.rtol, tape=tape)
+        orbit = orbit_at(given, checked_spin(spin, given), guess=guess, rtol=self.rtol, recorder=recorder)
         if not orbit.stable:
             raise OrbitError(f"the orbit is unstable, with a multiplier of size {abs(orbit.multipliers[0]):.4g}")
         return orbit

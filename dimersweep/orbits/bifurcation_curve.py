@@ -221,8 +221,8 @@ class BifurcationCurve(Curve, of=Bifurcation):
         """A point of the border, in a section that suits the next one."""
 
         def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
-            held = replace(own, spin=self.spin, back=at.map.back)
-            return on_border(self.kind, self.axis, held, np.append(z, at.y[-1]))
+            fixed_spin = replace(own, spin=self.spin, back=at.map.back)
+            return on_border(self.kind, self.axis, fixed_spin, np.append(z, at.y[-1]))
 
         plain = replace(at.map, spin=None)
         image = plain.image(at.z)

@@ -340,6 +340,6 @@ def _dataset(walk: Walk) -> xr.Dataset:
     fixed = {name: value for name, value in curve.given.items() if name not in (*axes, curve.parameter)}
     result.attrs = fixed | {
         "kind": curve.kind.name, "parameter": curve.parameter, "spin": curve.spin, "rtol": curve.rtol,
-        "cost": curve.tape.periods,
+        "cost": curve.recorder.periods,
     }  # fmt: skip
     return result

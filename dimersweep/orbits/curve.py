@@ -16,7 +16,7 @@ from dimersweep.orbits.finding import orbit_at
 from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, Kind, ball_flip, ball_fold
 from dimersweep.orbits.orbit import DOUBLING, Column, PeriodicOrbit
 from dimersweep.orbits.passage import Sides, far_ends
-from dimersweep.orbits.poincare import OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.poincare import OrbitLost, Recorder, ReturnMap
 from dimersweep.parameters import value_of
 
 STATUS_LENGTH = 100  # of a status at most
@@ -74,7 +74,7 @@ class Curve(ABC):
     given: dict[str, float]  # all parameters
     spin: float  # axial spin [rad/s]
     rtol: float  # accuracy of the map
-    tape: Tape = field(default_factory=Tape)
+    recorder: Recorder = field(default_factory=Recorder)
 
     def __init_subclass__(cls, of: type[Kind]) -> None:
         of.curve = cls
@@ -90,7 +90,7 @@ class Curve(ABC):
         It is found from neighbours at equal distances, the nearest first; without any the border is looked for on a branch,
         that of a start or of orbits at these values.
         """
-        spent, given = self.tape.periods, self.given | values
+        spent, given = self.recorder.periods, self.given | values
         if near:
             found = self._stepped(given, near)
         else:
@@ -98,7 +98,7 @@ class Curve(ABC):
             there = found.orbit.parameters  # those of the start
             if any(there.get(name, value) != value for name, value in given.items() if name != self.parameter):
                 found = self._stepped(given, [found])
-        return found._replace(cost=self.tape.periods - spent)
+        return found._replace(cost=self.recorder.periods - spent)
 
     def status(self, found: Found) -> str:
         """The status of a point that is found: ok, or why there may be others."""
@@ -184,7 +184,7 @@ class Curve(ABC):
 
     def _ways(self, orbit: PeriodicOrbit) -> list[Point]:
         """The first point of the branch through an orbit, in each sense of the parameter in which the border is looked for."""
-        fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, tape=self.tape))
+        fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=self.recorder))
         begin = point_of(self.axis, fixed, value_of(self.parameter, orbit.parameters))
         return [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
 

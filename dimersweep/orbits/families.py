@@ -85,8 +85,8 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
         first, begin = first_found(partial(begun, k) for k in numbers)
     except OrbitError as reason:
         raise OrbitError(f"spin = ({spins[0]:g}, {spins[-1]:g}): no orbit found; {reason}") from None
-    tape = first.fixed.map.tape
-    start = tape.periods
+    recorder = first.fixed.map.recorder
+    start = recorder.periods
     orbits, ends = {begin: on_family(first.fixed.map, first.slow_motion)}, {}
     for name, order in (("high_end", range(begin + 1, spins.size)), ("low_end", range(begin - 1, -1, -1))):
         found, ends[name] = walk(orbits[begin], spins[order])
@@ -95,7 +95,7 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     table = dataset([orbits[k] for k in kept], "spin_").drop_vars(["spin", "cost"])
     coordinate = ("spin", spins[kept], {"units": "rad s-1", "long_name": "axial spin after the double impact"})
     table = table.rename_dims({"spin_": "spin"}).assign_coords(spin=coordinate)
-    table.attrs |= ends | {"cost": tape.periods - start + first.cost, "rtol": rtol}
+    table.attrs |= ends | {"cost": recorder.periods - start + first.cost, "rtol": rtol}
     return table
 
 

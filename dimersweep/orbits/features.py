@@ -19,7 +19,7 @@ from dimersweep.kernel.model.layout import D1, D2, N_STATE, PHASE, SPIN, THETA
 from dimersweep.orbits.families import MISSING_OVER, on_family, walk
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.passage import TURN, Passage
-from dimersweep.orbits.poincare import ReturnMap, Tape
+from dimersweep.orbits.poincare import Recorder, ReturnMap
 from dimersweep.parameters import value_of
 from dimersweep.symbols import ENDS
 
@@ -88,16 +88,16 @@ def _ends_changed(passage: Passage) -> Passage:
 
 
 def features_from(
-    parameters: Mapping[str, float], start: np.ndarray, periods: int, rtol: float, tape: Tape, mirrors: Mirrors
+    parameters: Mapping[str, float], start: np.ndarray, periods: int, rtol: float, recorder: Recorder, mirrors: Mirrors
 ) -> Features:
     """The features of the motion that a run of `parameters` has come to, and that repeats after so many forcing periods.
 
     `start` is where the run has ended, at the start of a forcing period: state and friction modes, shape (N_START,).
     """
-    m = ReturnMap(dict(parameters), parameters["phi0"], start[N_STATE:].copy(), periods, rtol, tape)
+    m = ReturnMap(dict(parameters), parameters["phi0"], start[N_STATE:].copy(), periods, rtol, recorder)
     state = start[:N_STATE].copy()
     state[PHASE] = 0.0
-    _, _, passage = tape.run(m.row, state, periods, rtol)
+    _, _, passage = recorder.run(m.row, state, periods, rtol)
     return features_of(m, passage, mirrors)
 
 

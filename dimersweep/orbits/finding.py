@@ -18,7 +18,7 @@ from dimersweep.orbits.kinds import ball_fold
 from dimersweep.orbits.manifold import multipliers_of, slow_direction, slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.poincare import SPIN_COORDINATE, TURN, OrbitLost, ReturnMap, Tape
+from dimersweep.orbits.poincare import SPIN_COORDINATE, TURN, OrbitLost, Recorder, ReturnMap
 from dimersweep.orbits.specials import JOINED
 from dimersweep.parameters import Parameters, check_level, check_name, dimer_from, updated, value_of
 from dimersweep.runs.run import Run
@@ -45,10 +45,17 @@ def rolled_up(parameters: dict[str, float]) -> float:
     return parameters["xdot0"] / dm.p1.r / (1 + dm.J_a / (dm.m * dm.p1.r**2))
 
 
-def first_map(given: dict[str, float], periods: int = 1, rtol: float = RTOL, tape: Tape | None = None) -> ReturnMap:
+def first_map(
+    given: dict[str, float], periods: int = 1, rtol: float = RTOL, recorder: Recorder | None = None
+) -> ReturnMap:
     """The map in the section of the guess."""
     return ReturnMap(
-        given, SECTION, np.array([STICK, FREE], dtype=float), periods, rtol, Tape() if tape is None else tape
+        given,
+        SECTION,
+        np.array([STICK, FREE], dtype=float),
+        periods,
+        rtol,
+        Recorder() if recorder is None else recorder,
     )
 
 
@@ -74,7 +81,7 @@ def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap
     """
     for _ in range(periods // m.periods):
         state[[PHASE, PERIOD]] = 0.0
-        state, _, passage = m.tape.run(m.row, state, m.periods, m.rtol)
+        state, _, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
     if (passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2] != FREE).all():
         raise OrbitLost("the motion dies: both ends stay on the plate")
     return m.moved(passage)
@@ -93,7 +100,7 @@ def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> 
     state = begin = m.state(at.z + along * (spin - at.image.spin) / m.unit)
     for _ in range(RUN_IN):
         state[PHASE] = 0.0
-        state, modes, passage = m.tape.run(m.row, state, m.periods, m.rtol)
+        state, modes, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
         struck = passage.last_impact(passage.bouncer)
         if struck is None:
             raise OrbitLost("the motion dies: nothing strikes the plate")
@@ -179,10 +186,10 @@ def orbit_at(
     periods: int = 1,
     guess: Run | PeriodicOrbit | None = None,
     rtol: float = RTOL,
-    tape: Tape | None = None,
+    recorder: Recorder | None = None,
 ) -> PeriodicOrbit:
-    """The orbit at a given spin, for parameters that have been checked; see `find`. A `tape` goes on counting periods."""
-    m = first_map(given, periods, rtol, tape)
+    """The orbit at a given spin, for parameters that have been checked; see `find`. A `recorder` goes on counting periods."""
+    m = first_map(given, periods, rtol, recorder)
     tried: list[str] = []
     found: list[PeriodicOrbit] = []
     for name, start in _starts(m, spin, guess):

@@ -15,7 +15,7 @@ from dimersweep.orbits.kinds import FLIP, Kind
 from dimersweep.orbits.manifold import slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset, orbit_of
-from dimersweep.orbits.poincare import OrbitLost, Tape
+from dimersweep.orbits.poincare import OrbitLost, Recorder
 from dimersweep.orbits.specials import Special, doubled, specials
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
@@ -122,9 +122,11 @@ def traced(
         to / axis.scale: (to, "to: the value asked for is reached"),
         start / axis.scale: (start, "back: the branch has turned round to its start"),
     }
-    rows, end, tape = [BranchRow(orbit, start)], "", Tape()
+    rows, end, recorder = [BranchRow(orbit, start)], "", Recorder()
     try:
-        point = _begin(axis, orbit.fixed._replace(map=replace(orbit.fixed.map, tape=tape)), start).towards(to - start)
+        point = _begin(axis, orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=recorder)), start).towards(
+            to - start
+        )
         rows, taken = [_row(point)], steps(point, FOLLOWING, tuple(edges))
         while not end and sum(row.kind is None for row in rows) < points:
             a, b, edge = next(taken)
@@ -144,7 +146,7 @@ def traced(
             rows.append(_row(point))
     except OrbitLost as reason:
         end = f"lost: {reason}"
-    return Trace(rows, end or f"points: {points} points were asked for", tape.periods)
+    return Trace(rows, end or f"points: {points} points were asked for", recorder.periods)
 
 
 def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str) -> tuple[Axis, float, float]:

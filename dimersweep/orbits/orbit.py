@@ -57,7 +57,7 @@ def path_of(m: ReturnMap, z: np.ndarray) -> MeanPath:
     count = CHORDS * m.periods
     parts = np.arange(2 * count + 1) / count
     at = TURN * m.periods * parts
-    _, _, passage = m.tape.run(m.row, m.state(z), 2 * m.periods, m.rtol, path=True)
+    _, _, passage = m.recorder.run(m.row, m.state(z), 2 * m.periods, m.rtol, path=True)
     states, _ = m.states(passage, at)
     s = State(*states.T)
     places = s.x1 + 1j * s.y1 - 1j * m.dimer.p1.h * np.cos(m.dimer.beta_0 + s.dip) * np.exp(1j * s.theta)
@@ -198,13 +198,13 @@ class PeriodicOrbit:
         Run
         """
         periods = check_count("periods", periods)
-        m, tape = self.fixed.map, self.fixed.map.tape
+        m, recorder = self.fixed.map, self.fixed.map.recorder
         phase = (self.parameters["phi0"] - m.phase) % TURN
         state, _ = m.sampled(self.slow_motion.image.passage, phase)
         # the cyclic coordinates begin anew
         begun = State(*state)._replace(phase=0.0, period=0.0, theta=0.0, x1=0.0, y1=0.0, gamma=0.0)
         row = m.row_at(self.parameters["phi0"])
-        solved = run_row(row, np.array([[*begun, 0.0, 0.0]]), exactly(periods, rtol), tape.space, record=True)
+        solved = run_row(row, np.array([[*begun, 0.0, 0.0]]), exactly(periods, rtol), recorder.space, record=True)
         run = as_run(self.parameters, rtol, solved, None)
         start = start_of(run.states(0.0))
         del start["phase"]  # which is phi0
@@ -240,7 +240,7 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
         stable=bool((np.abs(fast) < 1).all()),
         residual=fixed.residual,
         sequence=image.passage.sequence,
-        cost=m.tape.periods,
+        cost=m.recorder.periods,
         rtol=m.rtol,
         fixed=fixed,
         slow_motion=slow_motion,

@@ -239,5 +239,5 @@ def _table(curve: Curve, other: str, rows: list[tuple[Place, str]], ends: list[s
     columns = both | Curve.columns(curve, found) | {"meets": ([special for _, special in rows], meets)}
     table = dataset([one.orbit for one in found], "point", columns)
     table.attrs |= {"kind": curve.kind.name, "parameter": curve.parameter, "other": other, "ends": ends}
-    table.attrs |= {"spin": curve.spin, "cost": curve.tape.periods}
+    table.attrs |= {"spin": curve.spin, "cost": curve.recorder.periods}
     return table.set_coords(list(both))

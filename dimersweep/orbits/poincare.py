@@ -82,7 +82,7 @@ class Image(NamedTuple):
     passage: Passage
 
 
-class Tape:
+class Recorder:
     """What the maps of one task share: the record that the kernel writes, grown when it is full, and the count of periods."""
 
     def __init__(self) -> None:
@@ -117,7 +117,7 @@ class ReturnMap:
     modes: np.ndarray  # friction modes of the ends there, shape (2,)
     periods: int  # forcing periods of the motion
     rtol: float  # accuracy [1]
-    tape: Tape
+    recorder: Recorder
     # to which the spin is put back at the start of each forcing period [rad/s]: the map of the fast part alone, all of
     # whose fixed points close; without it the spin drifts slowly
     spin: float | None = None
@@ -127,7 +127,7 @@ class ReturnMap:
 
     def __post_init__(self) -> None:
         self.row = self.row_at(self.phase)
-        self.section = Section(self.row, self.rtol, self.tape.space)
+        self.section = Section(self.row, self.rtol, self.recorder.space)
         self.dimer = self.section.dm
         self.free = np.array(free_coordinates(self.modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
@@ -140,9 +140,9 @@ class ReturnMap:
         if value == self.parameters.get(name):
             return self
         others = (name, *(item for item in self.parameters.items() if item[0] != name))
-        if others not in self.tape.bounds:
-            self.tape.bounds[others] = bounds(name, self.parameters)
-        low, high = self.tape.bounds[others]
+        if others not in self.recorder.bounds:
+            self.recorder.bounds[others] = bounds(name, self.parameters)
+        low, high = self.recorder.bounds[others]
         parameters = self.parameters | {name: value}
         if not low <= value <= high:
             try:
@@ -177,28 +177,28 @@ class ReturnMap:
         Its spin is that after the last impact of the bouncer, or the one before it is put back. It is lost in another contact.
         """
         if self.spin is not None:
-            state, modes, passage, spin = self._held(self.state(z), self.spin)
+            state, modes, passage, spin = self._at_fixed_spin(self.state(z), self.spin)
         else:
-            state, modes, passage = self.tape.run(self.row, self.state(z), self.periods, self.rtol)
+            state, modes, passage = self.recorder.run(self.row, self.state(z), self.periods, self.rtol)
             struck = passage.last_impact(passage.bouncer)
             spin = state[SPIN] if struck is None else struck[SPIN]
         if (modes != self.modes).any():
             raise OrbitLost("the contact at the section changes")
         return Image(self.section.point(state)[self.free], float(spin), float(state[THETA]), passage)
 
-    def _held(self, state: np.ndarray, spin: float) -> tuple[np.ndarray, np.ndarray, Passage, float]:
+    def _at_fixed_spin(self, state: np.ndarray, spin: float) -> tuple[np.ndarray, np.ndarray, Passage, float]:
         """State and friction modes after the periods, the way from where the spin was last put back, and the spin before."""
         row, since = self.row_at(self.back), (self.phase - self.back) % TURN
-        there = Section(row, self.rtol, self.tape.space)
+        there = Section(row, self.rtol, self.recorder.space)
         for k in range(self.periods):
             state[PHASE] = since if k == 0 else 0.0
-            state, modes, _ = self.tape.run(row, state, 1, self.rtol)
+            state, modes, _ = self.recorder.run(row, state, 1, self.rtol)
             theta, before, point = state[THETA], float(state[SPIN]), there.point(state)
             point[SPIN_COORDINATE] = spin / self.unit
             state = there.held(there.state(point), modes)
             state[THETA] = theta
         state[PHASE], state[PERIOD] = TURN - since, 0.0
-        return *self.tape.run(self.row, state, 1, self.rtol), before
+        return *self.recorder.run(self.row, state, 1, self.rtol), before
 
     def jacobian(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), by central differences."""
@@ -265,7 +265,15 @@ class ReturnMap:
         states, modes = np.zeros((phases.size, N_STATE)), np.zeros((phases.size, 2))
         at = phases - TURN * segments[which, PERIOD]
         status = sample(
-            self.row, segments, np.full(phases.size, which), at, self.rtol, self.tape.space, no_record(), states, modes
+            self.row,
+            segments,
+            np.full(phases.size, which),
+            at,
+            self.rtol,
+            self.recorder.space,
+            no_record(),
+            states,
+            modes,
         )
         _check(status)
         return states, modes

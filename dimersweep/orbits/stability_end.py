@@ -229,7 +229,7 @@ class StabilityCurve(Curve, of=StabilityEnd):
         """The point of the end, with the spin put back where it is a bifurcation, as on curves of those."""
         at = special.point
         if special.kind.rows:
-            own = special.kind.curve(special.kind, self.parameter, self.given, self.spin, self.rtol, self.tape)
+            own = special.kind.curve(special.kind, self.parameter, self.given, self.spin, self.rtol, self.recorder)
             with suppress(OrbitLost):
                 return own.taken_up(special)
         return Found(orbit_of(at.fixed), at.value, at)

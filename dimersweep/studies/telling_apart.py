@@ -13,7 +13,7 @@ from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES
 from dimersweep.orbits.features import ALIKE_WITHIN, Carried, Features, Mirrors, apart, features_from
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.orbit import PeriodicOrbit
-from dimersweep.orbits.poincare import OrbitLost, Tape
+from dimersweep.orbits.poincare import OrbitLost, Recorder
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.solving import RunSettings, exactly, run_row
 
@@ -93,7 +93,7 @@ class Classifier:
     def __init__(self, points: Grid, how: RunSettings, results: np.ndarray, mirrors: Mirrors) -> None:
         self.points, self.how, self.results, self.mirrors = points, how, results, mirrors
         self.modes, self.periods = (results["codes"][:, slot] for slot in (CODE_MODE, CODE_MODE_PERIOD))
-        self.tape = Tape()
+        self.recorder = Recorder()
 
     def parameters(self, start: int) -> dict[str, float]:
         """Of the run from a start."""
@@ -102,7 +102,7 @@ class Classifier:
     def features(self, start: int, end: np.ndarray, periods: int) -> Features | None:
         """The features of the motion that a start has come to; none where it does not repeat."""
         try:
-            return features_from(self.parameters(start), end, periods, self.how.rtol, self.tape, self.mirrors)
+            return features_from(self.parameters(start), end, periods, self.how.rtol, self.recorder, self.mirrors)
         except OrbitLost:
             return None
 
