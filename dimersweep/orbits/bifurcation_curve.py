@@ -31,9 +31,8 @@ DOUBLED_FOLD = "flip-doubled_fold"  # where the orbit of twice the period has it
 KINK = 1e-2  # distance of all multipliers from the border's beyond which they are those of another map
 # of the differences for the coefficient of a flip, in units of the section: those of the third order are right to about 1e-3
 WIDTHS = (3e-3, 1e-3)
-AGREE = (
-    0.02  # part in which the coefficients of both widths differ at most; more where a change of sequence lies between
-)
+# part in which the coefficients of both widths differ at most; more where a change of sequence lies between
+AGREE = 0.02
 
 
 class OnBorder(NamedTuple):

@@ -20,17 +20,21 @@ from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, settled_near
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
-from dimersweep.orbits.manifold import SlowMotion, has_fast_part, slow_direction, slow_motion_near, slow_motion_of
+from dimersweep.orbits.manifold import (
+    MANIFOLD_REACH,
+    SlowMotion,
+    has_fast_part,
+    slow_direction,
+    slow_motion_near,
+    slow_motion_of,
+)
 from dimersweep.orbits.newton import fixed_at, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, first_found
 from dimersweep.orbits.specials import JOINED
 
-FAMILY_REACH = 0.05  # distance from where the family leads, in units of the section
-BRANCH_POINTS = 60  # of a branch from one spin to the next, where Newton's method does not get there at once
 MISSING_OVER = 0.02  # part of the spin over which orbits may be missing, where a sequence just changes
 TRIES = 8  # on the way from one spin to the next
-MISSING = 1  # spins in a row that may be missing if they lie wider
 THROUGH = 3  # points of the family through which the next one is looked for
 SPIN_RTOL = 1e-12  # accuracy of the spin after many periods, relative
 OVER_THE_END = 1e-7  # of the greatest spin, by which rounding may lead over an end of the family
@@ -126,7 +130,7 @@ def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[d
             nxt = _next(last, spin, runs)
         except OrbitLost:
             missed += 1
-            if k + 1 < len(spins) and (missed <= MISSING or _near(last[0].spin, spin)):
+            if k + 1 < len(spins) and (missed == 1 or _near(last[0].spin, spin)):
                 k += 1
                 continue
             k -= missed - 1  # that which was missed first
@@ -186,7 +190,7 @@ def _step(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
         slow_motion = slow_motion_near(m, z, spin, near.matrix, near.gradient)
     else:
         slow_motion = slow_motion_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
-    if np.abs(slow_motion.z - z).max() > FAMILY_REACH:
+    if np.abs(slow_motion.z - z).max() > MANIFOLD_REACH:
         raise OrbitLost("the next orbit lies aside of the family")
     orbit = on_family(m, slow_motion)
     return m.in_own_section(
@@ -204,7 +208,7 @@ def _run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
     for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
         with suppress(OrbitLost):
             slow_motion = slow_motion_near(there, z, spin, *there.jacobian(z))
-            if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= FAMILY_REACH:
+            if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= MANIFOLD_REACH:
                 return on_family(there, slow_motion)
     raise OrbitLost("the run comes to no orbit")
 
@@ -212,7 +216,7 @@ def _run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
 def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
     """The orbit at another spin along the branch of fixed points; if that does not lead there, it says why the family ends."""
     fixed = solve(last.fixed.map, last.fixed.z, last.spin)
-    rows, end, _ = traced(orbit_of(fixed), "spin", spin, BRANCH_POINTS, sequences=False)
+    rows, end, _ = traced(orbit_of(fixed), "spin", spin, sequences=False)
     if not end.startswith("to:"):
         for row in reversed(rows):
             if row.kind is FOLD:

@@ -24,9 +24,8 @@ from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.poincare import TURN, Image, OrbitLost, ReturnMap
 
 MOST_CHANGES = 12  # sequence changes within one step; places at which an orbit is lost and found again
-JOINED = (
-    0.1  # distance of points on both sides of a change of sequence that belong to one branch, in units of the section
-)
+# distance of points on both sides of a change of sequence that belong to one branch, in units of the section
+JOINED = 0.1
 SHORTEST_SHARE = 1e-10  # share of a step to which a change of sequence is located where the parameter hardly changes
 FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
 GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
