@@ -21,7 +21,7 @@ from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, set
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
 from dimersweep.orbits.manifold import (
-    MANIFOLD_REACH,
+    REACH,
     SlowMotion,
     has_fast_part,
     slow_direction,
@@ -190,7 +190,7 @@ def _step(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
         slow_motion = slow_motion_near(m, z, spin, near.matrix, near.gradient)
     else:
         slow_motion = slow_motion_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
-    if np.abs(slow_motion.z - z).max() > MANIFOLD_REACH:
+    if np.abs(slow_motion.z - z).max() > REACH:
         raise OrbitLost("the next orbit lies aside of the family")
     orbit = on_family(m, slow_motion)
     return m.in_own_section(
@@ -208,7 +208,7 @@ def _run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
     for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
         with suppress(OrbitLost):
             slow_motion = slow_motion_near(there, z, spin, *there.jacobian(z))
-            if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= MANIFOLD_REACH:
+            if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= REACH:
                 return on_family(there, slow_motion)
     raise OrbitLost("the run comes to no orbit")
 

@@ -49,14 +49,7 @@ def first_map(
     given: dict[str, float], periods: int = 1, rtol: float = RTOL, recorder: Recorder | None = None
 ) -> ReturnMap:
     """The map in the section of the guess."""
-    return ReturnMap(
-        given,
-        SECTION,
-        np.array([STICK, FREE], dtype=float),
-        periods,
-        rtol,
-        Recorder() if recorder is None else recorder,
-    )
+    return ReturnMap(given, SECTION, np.array([STICK, FREE], dtype=float), periods, rtol, recorder or Recorder())
 
 
 def ball_state(m: ReturnMap, spin: float) -> np.ndarray:

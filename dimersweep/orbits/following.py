@@ -124,9 +124,8 @@ def traced(
     }
     rows, end, recorder = [BranchRow(orbit, start)], "", Recorder()
     try:
-        point = _begin(axis, orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=recorder)), start).towards(
-            to - start
-        )
+        fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=recorder))
+        point = _begin(axis, fixed, start).towards(to - start)
         rows, taken = [_row(point)], steps(point, FOLLOWING, tuple(edges))
         while not end and sum(row.kind is None for row in rows) < points:
             a, b, edge = next(taken)

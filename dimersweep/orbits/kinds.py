@@ -304,18 +304,5 @@ def change_of(old: str, new: str) -> Change:
 
 
 BORDER_KINDS: dict[str, Kind] = {
-    kind.name: kind
-    for kind in (
-        FOLD,
-        FLIP,
-        TORUS,
-        STABLE_FROM,
-        STABLE_TO,
-        ANY_CHANGE,
-        STICK_SLIP,
-        LIFT_OFFS,
-        DOUBLE_IMPACT,
-        CHATTER,
-        HOP,
-    )
+    kind.name: kind for kind in (FOLD, FLIP, TORUS, STABLE_FROM, STABLE_TO, ANY_CHANGE, *CHANGES[::-1])
 }

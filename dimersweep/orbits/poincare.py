@@ -263,18 +263,8 @@ class ReturnMap:
         if which is None:
             which = np.searchsorted(passage.times, phases, side="right") - 1
         states, modes = np.zeros((phases.size, N_STATE)), np.zeros((phases.size, 2))
-        at = phases - TURN * segments[which, PERIOD]
-        status = sample(
-            self.row,
-            segments,
-            np.full(phases.size, which),
-            at,
-            self.rtol,
-            self.recorder.space,
-            no_record(),
-            states,
-            modes,
-        )
+        at, which, space = phases - TURN * segments[which, PERIOD], np.full(phases.size, which), self.recorder.space
+        status = sample(self.row, segments, which, at, self.rtol, space, no_record(), states, modes)
         _check(status)
         return states, modes
 
