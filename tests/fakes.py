@@ -112,7 +112,7 @@ def forget_some(out, configuration, kind, seed):
 def points_on_disk(out):
     """Number of the finished points that are kept for a cube."""
     with suppress(StoreError), looked_at(tiles_of(out)) as store:
-        return sum(row.stop - row.start for row in store.told())
+        return sum(row.stop - row.start for row in store.summaries())
     return 0
 
 

@@ -460,7 +460,7 @@ def test_what_is_read_is_what_was_added(monkeypatch):
         store.add(whole.part(Tile(5, 10)))
         store.flush()
         assert store.gaps() == [Tile(40, 90)]
-        rows = [(row.start, row.stop, row.wall > 0) for row in store.file.told()]
+        rows = [(row.start, row.stop, row.wall > 0) for row in store.file.summaries()]
         assert rows == [(0, 5, True), (5, 10, True), (10, 40, False), (90, 120, False)]
         for start, stop in ((0, 40), (3, 12), (39, 40), (100, 120)):
             assert store.read(start, stop).tobytes() == whole.results[start:stop].tobytes()
@@ -471,7 +471,7 @@ def test_what_is_read_is_what_was_added(monkeypatch):
         assert missing == sorted({*drifting.tolist(), *range(40, 90)})
         monkeypatch.setattr("dimersweep.storage.tilestore.FLUSH_BYTES", 20 * store.kind.itemsize)
         store.add(whole.part(Tile(40, 90)))
-        assert [row.start for row in store.file.told() if 40 <= row.start < 90] == [40, 60, 80]
+        assert [row.start for row in store.file.summaries() if 40 <= row.start < 90] == [40, 60, 80]
         assert store.read(40, 90).tobytes() == whole.results[40:90].tobytes()
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
         assert store.file.trouble == []

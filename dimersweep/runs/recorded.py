@@ -331,7 +331,7 @@ def made_with(parameters: Mapping[str, float]) -> xr.Variable:
     return xr.Variable((), crc32(told.encode()), about)
 
 
-def parameters_told(states: xr.Dataset) -> dict[str, float]:
+def parameters_in(states: xr.Dataset) -> dict[str, float]:
     """The parameters of the run of one state, but for its start; none where it does not tell them.
 
     Raises

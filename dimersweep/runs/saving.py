@@ -22,7 +22,7 @@ from dimersweep.parameters import Parameters, updated
 from dimersweep.runs.outcomes import Absent, Orbit, no_orbit
 from dimersweep.runs.recorded import RunRecord
 from dimersweep.runs.solving import RunEnd
-from dimersweep.storage.checking import changed, told_by
+from dimersweep.storage.checking import changed, configuration_of
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.formats.netcdf import read_netcdf
 from dimersweep.storage.outputs import TABLES, check_output
@@ -89,7 +89,7 @@ def _configuration(fields: Mapping[str, Any]) -> dict[str, Any]:
 def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The fields of a `Run` that was written; see `load_run`."""
     dataset = read_netcdf(Path(path))
-    configuration = told_by(dataset, "run", Path(path))
+    configuration = configuration_of(dataset, "run", Path(path))
     rows = {name: np.ascontiguousarray(dataset[name].values) for name in ROWS if name in dataset}
     try:
         if configuration["kernel_version"] != kernel_version():

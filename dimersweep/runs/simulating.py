@@ -10,7 +10,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_seconds, check_switch
 from dimersweep.parameters import Parameters, check_name, moved_on, updated
 from dimersweep.runs.behind import parameters_of, was_carried
-from dimersweep.runs.recorded import parameters_told
+from dimersweep.runs.recorded import parameters_in
 from dimersweep.runs.run import Run, proven_run, simulate_checked
 from dimersweep.runs.solving import check_recorded, run_settings
 from dimersweep.runs.starting import is_point, named, start_of
@@ -84,7 +84,7 @@ def simulate(
     if hasattr(start, "states"):  # a run
         start = start.states(start.duration)
     begun = None if start is None else start_of(start)
-    known = parameters_told(start) if isinstance(start, xr.Dataset) else {}
+    known = parameters_in(start) if isinstance(start, xr.Dataset) else {}
     given = Parameters(**parameters) if begun is None else _with_start(parameters, known, begun)
     how = run_settings(periods=periods, rtol=rtol, stop_when_settled=stop_when_settled)
     seconds, before = check_seconds(max_seconds), Parameters(**known) if known else None

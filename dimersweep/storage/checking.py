@@ -15,7 +15,7 @@ from dimersweep.storage.provenance import CHECKSUM, FILE_FORMAT, digest, read_co
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS
 
 
-def told_by(dataset: xr.Dataset, what: str, path: Path, noun: str = "NetCDF file") -> dict[str, Any]:
+def configuration_of(dataset: xr.Dataset, what: str, path: Path, noun: str = "NetCDF file") -> dict[str, Any]:
     """The configuration of a cube or a run that was read, if it is one of this program's, and intact.
 
     Parameters

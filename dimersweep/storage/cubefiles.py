@@ -15,7 +15,7 @@ from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.parameters import completed
 from dimersweep.storage.blocks import blocks
-from dimersweep.storage.checking import changed, check_undamaged, told_by
+from dimersweep.storage.checking import changed, check_undamaged, configuration_of
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import FORMATS, format_at, format_of
 from dimersweep.storage.outputs import check_output
@@ -129,7 +129,7 @@ def _opened(path: Path) -> Iterator[xr.Dataset]:
     if not os.path.exists(path):  # a name that no file can have is no error for it
         raise StoreError(f"{path}: no such file")
     with found.opened(path) as cube:
-        configuration = told_by(cube, "cube", path, found.noun)
+        configuration = configuration_of(cube, "cube", path, found.noun)
         try:
             intact = "mode" in cube and set(configuration.get("grid", {})) <= set(cube.dims)
             intact = intact and _fixed_as_configured(cube, configuration)
@@ -148,5 +148,5 @@ def _fixed_as_configured(cube: xr.Dataset, configuration: Mapping[str, Any]) -> 
     """Whether what has one value is as the configuration says: single values have no checksum of their own."""
     varied = {*configuration.get("grid", {}), *configuration.get("points", {})}
     single = {name for name, each in cube.coords.items() if not each.ndim} - varied
-    told = completed(configuration.get("fixed", {})) | (settings_in(configuration) if single & {*SETTINGS} else {})
-    return all(bool(cube[name] == value) for name, value in told.items() if name in single)
+    settings = completed(configuration.get("fixed", {})) | (settings_in(configuration) if single & {*SETTINGS} else {})
+    return all(bool(cube[name] == value) for name, value in settings.items() if name in single)

@@ -25,21 +25,21 @@ _guard = threading.Lock()
 def _on_byte(handle: int, what: int, kind: int) -> int:
     """Ask for a lock of a `kind` on the byte, or take it; the kind that is in its way."""
     linux = sys.platform != "darwin"
-    told = FLOCK.pack(*((kind, os.SEEK_SET, BYTE, 1, 0) if linux else (BYTE, 1, 0, kind, os.SEEK_SET)))
-    return int(FLOCK.unpack(fcntl.fcntl(handle, what, told))[0 if linux else 3])
+    asked = FLOCK.pack(*((kind, os.SEEK_SET, BYTE, 1, 0) if linux else (BYTE, 1, 0, kind, os.SEEK_SET)))
+    return int(FLOCK.unpack(fcntl.fcntl(handle, what, asked))[0 if linux else 3])
 
 
 def _name(handle: int) -> tuple[int, int]:
-    told = os.fstat(handle)
-    return told.st_dev, told.st_ino
+    found = os.fstat(handle)
+    return found.st_dev, found.st_ino
 
 
 def is_locked(path: Path) -> bool:
     """Whether a process is at work at the store `path`."""
     with _guard, suppress(OSError):
-        told = os.stat(path)
+        found = os.stat(path)
         # this process must not even close a file that SQLite has locked for it
-        if (told.st_dev, told.st_ino) in _held:
+        if (found.st_dev, found.st_ino) in _held:
             return True
         handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:

@@ -3,7 +3,7 @@
 Of a calculation without an output it is one of SQLite's in memory.
 
 What a process killed at any moment leaves behind is a file that SQLite brings back to its last whole transaction. What is
-damaged by other means is found by checksums, told, and left out; the rest is kept.
+damaged by other means is found by checksums, named, and left out; the rest is kept.
 """
 
 import hashlib
@@ -128,8 +128,8 @@ class Store:
     @property
     def configuration(self) -> dict[str, Any]:
         """All that decides the numbers."""
-        told: dict[str, Any] = self.about["configuration"]
-        return told
+        configuration: dict[str, Any] = self.about["configuration"]
+        return configuration
 
     @property
     def size(self) -> int:
@@ -156,13 +156,13 @@ class Store:
                 beyond = f"SELECT {columns} FROM tiles WHERE start > ? ORDER BY start DESC"
                 yield from (StoredTile(*row) for row in self._connection.execute(beyond, (reached,)))
 
-    def told(self) -> Iterator[StoredTile]:
+    def summaries(self) -> Iterator[StoredTile]:
         """All rows without their results and checksums."""
         return self.rows("start, stop, what, seconds, wall, at")
 
     def gaps(self) -> list[Tile]:
         """The ranges that are not yet on disk."""
-        return list(gaps(self.size, (Tile(row.start, row.stop) for row in self.told())))
+        return list(gaps(self.size, (Tile(row.start, row.stop) for row in self.summaries())))
 
     def meeting(self, start: int, stop: int) -> Iterator[StoredTile]:
         """The rows that have points from `start` to `stop` - 1, in order.
@@ -218,7 +218,7 @@ class Store:
         self._connection.execute("DELETE FROM tiles WHERE start = ?", (start,))
 
     def tell(self, **about: str | int) -> None:
-        """Change what is told of the store, within `writing`."""
+        """Change what is written of the store, within `writing`."""
         self._connection.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", about.items())
         self.about.update(about)
 
@@ -239,7 +239,7 @@ class Store:
 
     def is_empty(self) -> bool:
         """Whether nothing is finished."""
-        return next(self.told(), None) is None
+        return next(self.summaries(), None) is None
 
     def is_new(self) -> bool:
         """Whether nothing was ever written there."""
@@ -381,7 +381,7 @@ def finished_at(path: Path, configuration: Mapping[str, Any]) -> list[StoredTile
     if not path.exists():
         return []
     with looked_at(path) as store:
-        return list(store.told()) if as_text(store.configuration) == as_text(configuration) else []
+        return list(store.summaries()) if as_text(store.configuration) == as_text(configuration) else []
 
 
 @contextmanager

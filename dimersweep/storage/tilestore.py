@@ -40,7 +40,7 @@ class TileStore:
 
     def __init__(self, out: Path | None, file: Store, kind: np.dtype) -> None:
         self.out, self.file, self.kind = out, file, kind
-        # without an output these are held here, once, and the store holds what is told of tiles
+        # without an output these are held here, once, and the store holds the summaries of tiles
         self._results = None if out is not None else blank_results(file.size, kind)
         self._waiting: list[Finished] = []
         self._waiting_bytes = 0
@@ -66,16 +66,16 @@ class TileStore:
     @property
     def wall(self) -> float:
         """Time of the sweep so far, with that of processes before this one [s]."""
-        return sum(row.wall for row in self.file.told())
+        return sum(row.wall for row in self.file.summaries())
 
     @property
     def seconds(self) -> float:
         """Sum of the times of all tiles [s]."""
-        return sum(row.seconds for row in self.file.told())
+        return sum(row.seconds for row in self.file.summaries())
 
     def modes(self) -> dict[str, int]:
         """Tally of the points that are kept."""
-        return dict(modes_of(self.file.told()))
+        return dict(modes_of(self.file.summaries()))
 
     def gaps(self) -> list[Tile]:
         """The ranges that are not yet kept."""
@@ -151,8 +151,8 @@ class TileStore:
 
     def drop(self, unwanted: Callable[[np.ndarray], np.ndarray]) -> None:
         """Forget the points that `unwanted` picks: results to bool, both of shape (n,)."""
-        for told in list(self.file.told()):
-            (row,) = self.file.meeting(told.start, told.start + 1)
+        for summary in list(self.file.summaries()):
+            (row,) = self.file.meeting(summary.start, summary.start + 1)
             whole = self._finished(row)
             kept = [whole.part(tile) for tile in runs(~unwanted(whole.results), row.start)]
             if sum(len(piece.results) for piece in kept) < len(whole.results):

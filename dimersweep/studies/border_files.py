@@ -216,7 +216,7 @@ def make_borders(
     with opened_store(out and parts_of(out), declared.configuration, len(makers), force=force) as store:
         for line in store.trouble:
             warnings.warn(line, RuntimeWarning, stacklevel=2)
-        before = _names(store.told())
+        before = _names(store.summaries())
         if before:
             tell(f"{len(before)} of {len(makers)} parts are there already: {', '.join(before)}")
         try:
@@ -231,7 +231,7 @@ def make_borders(
             if out is not None:
                 write_cube(made, out, force=force)
         except KeyboardInterrupt as stop:
-            done, kept = len(_names(store.told())), "nothing was kept"
+            done, kept = len(_names(store.summaries())), "nothing was kept"
             if done:
                 kept = f"{done} of {len(makers)} parts are kept in {store.path}; the same command goes on from there"
             raise Stopped(kept, getattr(stop, "signal", signal.SIGINT)) from None

@@ -40,7 +40,7 @@ def status(path: Path) -> list[str]:
 def _of_tiles(out: Path, store: Store) -> list[str]:
     tally: Counter[str] = Counter()
     last, unreadable, wanted = "", 0, store.about["wanted"]
-    for row in store.told():
+    for row in store.summaries():
         try:
             modes, at = modes_of([row]), datetime.fromisoformat(row.at)
             sound = modes.total() == row.stop - row.start

@@ -165,13 +165,13 @@ def _lacks_some(folder: Path, variable: xr.Variable, where: tuple[Any, ...]) -> 
 class _Numbers:
     """Values of a variable, read when they are used; damage that is found then is named in one line.
 
-    The file may be another one by then, and what is gone reads as missing values: what the group told of itself when it was
+    The file may be another one by then, and what is gone reads as missing values: what the group said of itself when it was
     opened is compared after each reading.
     """
 
-    def __init__(self, path: Path, name: str, variable: xr.Variable, told: bytes, *, whole: bool) -> None:
+    def __init__(self, path: Path, name: str, variable: xr.Variable, description: bytes, *, whole: bool) -> None:
         self.path, self.name, self.variable = path, name, variable.copy(deep=False)
-        self.told, self.whole = told, whole
+        self.description, self.whole = description, whole
         self.shape, self.dtype, self.ndim = variable.shape, variable.dtype, variable.ndim
 
     def __getitem__(self, where: tuple[Any, ...]) -> np.ndarray:
@@ -183,7 +183,7 @@ class _Numbers:
             why = f"{self.name} cannot be read ({one_line(error)})"
         if not why and self.whole and _lacks_some(self.path / self.name, self.variable, where):
             why = f"{self.name} lacks some of its chunks"
-        if _told_by(self.path) != self.told:
+        if _description_of(self.path) != self.description:
             gone = "is not the cube that was opened any more (it was replaced, moved or deleted)"
             raise StoreError(f"{self.path}: {gone}; open it again")
         if why:
@@ -191,7 +191,7 @@ class _Numbers:
         return values
 
 
-def _told_by(path: Path) -> bytes:
+def _description_of(path: Path) -> bytes:
     """What a group tells of itself: its attributes, with the checksum of all values and the time when they were made."""
     try:
         return (path / "zarr.json").read_bytes()
@@ -209,7 +209,7 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
         If it is none, or damaged.
     """
     check_zarr()
-    told = _told_by(path)
+    description = _description_of(path)
     try:  # format 2 may name filters that run code
         cube = xr.open_dataset(path, engine="zarr", consolidated=False, zarr_format=3, cache=False)
     except Exception as error:  # what its description leads to, if it was changed
@@ -217,7 +217,7 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
     lacking = {str(name): _lacking(path / str(name), variable) for name, variable in cube.variables.items()}
     for name, variable in cube.variables.items():
         if name not in cube.indexes:  # those are read already
-            numbers = _Numbers(path, str(name), variable, told, whole=not lacking[str(name)])
+            numbers = _Numbers(path, str(name), variable, description, whole=not lacking[str(name)])
             variable.data = dask.array.from_array(numbers, _chunks_of(variable), name=False, fancy=False)
         if "flag_values" in variable.attrs:  # Zarr keeps attributes as JSON
             variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
