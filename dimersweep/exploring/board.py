@@ -195,15 +195,6 @@ class Board:
         place = np.clip(np.nan_to_num((values - low) / ((high - low) or 1.0)) * 255, 0, 255).astype(int)
         return palette[np.where(np.isfinite(values), place, 256)]
 
-    def _nearest(self, x: float, y: float) -> xr.Dataset:
-        """The point of the map that is nearest to a place, in the eye of who looks at it."""
-        where = {self.x: x} | ({self.y: y} if self.y else {})
-        if not self.points:
-            near = {name: int(np.argmin(np.abs(self._along(name) - at))) for name, at in where.items()}
-            return self.cube.isel(self.fixed | near)
-        away = sum(((self._along(name) - at) / np.ptp(self._along(name))) ** 2 for name, at in where.items())
-        return self.cube.isel(point=int(np.argmin(away)))
-
     def click(self, x: float, y: float) -> Run | None:
         """Show the run behind the point of the map that is nearest to `x` and `y`; None where there is none.
 
@@ -212,9 +203,13 @@ class Board:
         x, y : float
             A place on the map, in the units of its axes.
         """
-        point = self._nearest(x, y)
-        at = [float(shown_as(name, point[name].values)) if name else 0.5 for name in (self.x, self.y)]
-        self.spot.data = {"x": [at[0]], "y": [at[1]]}
+        part, cells = self._part(), self.source.data
+        # in the eye of who looks at the map
+        away = sum(((cells[way] - at) / (np.ptp(cells[way]) or 1.0)) ** 2 for way, at in (("x", x), ("y", y)))
+        near = int(np.argmin(away))
+        place = np.unravel_index(near, part["mode"].shape)
+        point = part.isel(dict(zip(part["mode"].dims, place, strict=True)))
+        self.spot.data = {way: [float(cells[way][near])] for way in "xy"}
         self.motion.object, self.replay.visible = "", False
         try:
             run: Run = point.dimersweep.run()
