@@ -11,6 +11,7 @@ import xarray as xr
 from bokeh.events import Tap
 from bokeh.models import ColorBar, ColumnDataSource, HoverTool, LinearColorMapper
 from bokeh.plotting import figure
+from bokeh.transform import transform
 
 from dimersweep.cubes.cube import check_codes, names
 from dimersweep.cubes.findings import edges_of, is_geometric
@@ -174,11 +175,14 @@ class Board:
         tooltips["mode"] = "@mode"
         columns = {name: values.ravel() for name, values in self._cells().items()}
         columns["mode"] = names(part["mode"]).values.ravel()
-        if shown == "mode":
-            columns["color"] = np.array(list(MODE_COLORS.values()))[part["mode"].values.ravel()]
-        else:
-            columns["shown"] = part[shown].values.ravel()
-            columns["color"] = self._shades(self.cube[shown].values, columns["shown"])
+        columns["color"] = np.array(list(MODE_COLORS.values()))[part["mode"].values.ravel()]
+        columns["shown"], fill = part[shown].values.ravel(), "color"
+        if shown != "mode":
+            whole = self.cube[shown].values
+            finite = whole[np.isfinite(whole)]
+            low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+            self.mapper.low, self.mapper.high = low, high if high > low else low + 1
+            fill = transform("shown", self.mapper)
             units = units_shown(self.cube[shown].attrs.get("units", "1"))
             self.bar.title = with_units(shown.replace("_", " "), units)
             tooltips[self.bar.title] = "@shown{%.6g}"
@@ -186,14 +190,7 @@ class Board:
         self.hover.tooltips = list(tooltips.items())
         self.map.xaxis.axis_label, self.map.yaxis.axis_label = label_of(self.x), self.y and label_of(self.y)
         self.source.data = columns
-
-    def _shades(self, whole: np.ndarray, values: np.ndarray) -> np.ndarray:
-        finite = whole[np.isfinite(whole)]
-        low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
-        self.mapper.low, self.mapper.high = float(low), float(high)
-        palette = np.array([*self.mapper.palette, self.mapper.nan_color])
-        place = np.clip(np.nan_to_num((values - low) / ((high - low) or 1.0)) * 255, 0, 255).astype(int)
-        return palette[np.where(np.isfinite(values), place, 256)]
+        self.hover.renderers[0].glyph.fill_color = fill
 
     def click(self, x: float, y: float) -> Run | None:
         """Show the run behind the point of the map that is nearest to `x` and `y`; None where there is none.
