@@ -212,7 +212,6 @@ def test_a_retry_searches_again_only_where_a_failure_may_have_led(fake_kernel, m
 
 def test_a_long_point_can_be_stopped_within(monkeypatch):
     spec = study_of(GRID, None, over="beta0", ask="all", mode="rest", periods=5, rtol=1e-8)
-    monkeypatch.setattr("dimersweep.studies.search.CHUNK_RUNS", 1)
     use_kernel(monkeypatch, fake_run_many)
     stop = StopFlag()
     stop.set()

@@ -273,12 +273,17 @@ def run_patiently(
 
 
 def run_all_patiently(
-    rows: np.ndarray, how: RunSettings, space: Workspace | None = None
+    rows: np.ndarray, how: RunSettings, space: Workspace | None = None, until: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Results of all points by `run_patiently`: `out` and `codes`, blank from where the work was stopped."""
+    """Results of all points by `run_patiently`: `out` and `codes`, blank from where the work was stopped.
+
+    The first run with one of the modes in `until` is the last one made.
+    """
     out, codes = blank(len(rows))
     done, made = 0, 1
     while made and done < len(rows):
-        made = run_patiently(rows[done:], how, out[done:], codes[done:], space=space)
+        made = run_patiently(rows[done:], how, out[done:], codes[done:], until, space)
         done += made
+        if until >> int(codes[done - 1, CODE_MODE]) & 1:
+            break
     return out, codes

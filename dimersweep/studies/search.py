@@ -8,7 +8,7 @@ from typing import Any, Self, Unpack
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import FLAGS, blank, build, variable, with_fields
+from dimersweep.cubes.cube import FLAGS, build, variable, with_fields
 from dimersweep.cubes.grid import Grid, legal_points, make_grid
 from dimersweep.cubes.results import not_ok, not_run, ranges_of
 from dimersweep.errors import ParameterError
@@ -16,7 +16,7 @@ from dimersweep.inputs import check_count
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, M_NOT_RUN, MODES, OK
 from dimersweep.parameters import completed, fill_rows
-from dimersweep.runs.solving import SLOW_MODES, run_patiently, run_settings
+from dimersweep.runs.solving import run_all_patiently, run_settings
 from dimersweep.studies.deciding import A_NOT_RUN, A_UNSURE, A_YES, ANSWER, ASKS, OPEN, Question
 from dimersweep.studies.making import in_memory, make_cube
 from dimersweep.studies.observers import Longer, Observer, Ran, paths_of
@@ -26,7 +26,6 @@ from dimersweep.work.options import Given
 
 REGIONS = FLAGS["region"]
 MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for
-CHUNK_RUNS = 16  # in one call of the kernel: it can be stopped only between calls
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,11 +95,10 @@ class Search(Study):
         order = self.question.order(self.hints.get(point, ()))
         here = self.grid.fixed | {name: float(value) for name, value in self.grid.values(point).items()}
         rows = fill_rows(here | {self.question.axis: self.question.values[order]}, order.size)
-        out, codes = blank(order.size)
-        made = self._tried(rows, out, codes, space)
-        if not made:
+        out, codes = run_all_patiently(rows, self.how, space, until=self.question.until())
+        if is_stopped(space):
             return None
-        modes = codes[:made, CODE_MODE]
+        modes = codes[~not_run(codes), CODE_MODE]
         counts = np.bincount(modes, minlength=len(MODES))
         answer, which = self.question.verdict(modes)
         result["answer"], result["counts"] = answer, counts
@@ -109,18 +107,6 @@ class Search(Study):
             return Ran(rows[:0], self.how, result[:0])
         result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
         return Ran(rows[which : which + 1], self.how, result)
-
-    def _tried(self, rows: np.ndarray, out: np.ndarray, codes: np.ndarray, space: Workspace) -> int:
-        """Make the runs of `rows`, in short calls, until the answer is certain; their number, 0 if `space` was stopped."""
-        made, ends = 0, self.question.until()
-        while made < len(rows):
-            part = slice(made, made + CHUNK_RUNS)
-            made += run_patiently(rows[part], self.how, out[part], codes[part], until=ends | SLOW_MODES, space=space)
-            if is_stopped(space):
-                return 0
-            if ends >> int(codes[made - 1, CODE_MODE]) & 1:
-                break
-        return made
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """See `Study`: the points are taken from coarse to fine."""
