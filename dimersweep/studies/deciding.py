@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dimersweep.cubes.results import Along, Field
-from dimersweep.kernel.model.layout import CODE_MODE, M_FAILED, M_NOT_RUN, M_UNRESOLVED, MODES
+from dimersweep.kernel.model.layout import M_FAILED, M_NOT_RUN, M_UNRESOLVED, MODES
 from dimersweep.symbols import QUANTITIES, Quantity
 
 ASKS = ("any", "all", "first", "fraction")
@@ -56,8 +56,6 @@ class Question:
 
     def stands(self, result: np.void, hints: Sequence[int]) -> bool:
         """Whether a result found with unknown hints is what `hints` lead to: bit for bit, the counts of its runs included."""
-        if result["codes"][CODE_MODE] == M_NOT_RUN:
-            return False
         alone = result["counts"].sum() == 1 and result["decider"] - 1 == self.order(hints)[0]
         return bool(not self.led or not result["decider"] or alone)
 

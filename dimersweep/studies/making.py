@@ -104,7 +104,7 @@ def in_memory(study: Study, options: Options = IN_PASSING) -> tuple[np.ndarray, 
 def _finished(study: Study, options: Options, store: TileStore, told: Mapping[str, Any]) -> xr.Dataset:
     """The cube of all results with what it tells of itself, its checksum among that; written, if it has an output."""
     out, replaces = options.out, options.force or options.retry
-    write_blocks = None if out is None else format_of(out).write_blocks
+    write_blocks = format_of(out or Path()).write_blocks
     if out is not None and write_blocks is not None:  # block by block, and opened then
         with disk_errors(f"out = {out}", store.kept_if_refused):
             write_blocks(
@@ -258,15 +258,14 @@ def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
         If there is another cube, or the output cannot be written.
     """
     out = options.out
-    written = None if out is None else format_of(out)
-    if written is None or not written.write_blocks:
+    written = format_of(out or Path())
+    if not written.write_blocks:
         study.check_fits()
     elif not study.by_blocks:
         raise ParameterError(
             f"out = {out}: only a sweep of a whole grid is written as {written.name}; give a NetCDF file"
         )
-    if written is not None:
-        written.check()
+    written.check()
     if out is None:
         if options.retry and options.extend is None:
             raise ParameterError("retry: needs an out, or a cube to extend")

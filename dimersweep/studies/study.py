@@ -9,7 +9,7 @@ import xarray as xr
 
 from dimersweep.cubes.cube import blank, build, results_in, with_fields
 from dimersweep.cubes.grid import Grid, check_fits
-from dimersweep.cubes.results import Field, Tile, blank_results, kind_with, not_ok, not_run
+from dimersweep.cubes.results import Field, Tile, blank_results, kind_with, not_ok
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
@@ -188,8 +188,8 @@ class Study:
         yield Batch(self, [Tile(0, self.size)], self.size)
 
     def stands(self, points: np.ndarray, results: np.ndarray) -> np.ndarray:
-        """Which results of another cube are those that this study would give at `points`; all of shape (n,)."""
-        return ~not_run(results["codes"])
+        """Which results of another cube, all of them run, are those that this study would give at `points`; shapes (n,)."""
+        return np.ones(points.size, dtype=bool)
 
     def sample(self, rng: np.random.Generator) -> Sample:
         """Parts that tell what it costs: random points or lines; of a long line some values stand for all."""
