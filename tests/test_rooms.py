@@ -2,6 +2,8 @@
 
 import ast
 import subprocess
+import sys
+import threading
 import tomllib
 from importlib import import_module
 from pathlib import Path
@@ -9,6 +11,8 @@ from pathlib import Path
 import pytest
 
 import dimersweep
+from dimersweep.cubes.grid import Grid
+from dimersweep.studies.study import Study
 
 ROOT = Path(__file__).resolve().parents[1]
 ROOMS = ("speed", "evidence")
@@ -91,3 +95,34 @@ def test_former_places_of_public_names_warn_and_give_them():
             DeprecationWarning, match=f"dimersweep.{name} now; the former name goes with the next release"
         ):
             assert getattr(module, name) is getattr(dimersweep, name)
+
+
+def test_the_grid_of_a_sweep_makes_few_stays(fake_kernel, monkeypatch, tmp_path):
+    """A stay is what calls of one file, one after the other, are given the grid or read it off the study; its own are none."""
+    axes, stays = {"Gamma": [0.6]}, []
+
+    def note(code):
+        path = Path(code.co_filename)
+        if ROOT / "dimersweep" in path.parents and not code.co_qualname.startswith("Grid.") and [path] != stays[-1:]:
+            stays.append(path)
+
+    def called(frame, event, _):
+        names = frame.f_code.co_varnames[: frame.f_code.co_argcount + frame.f_code.co_kwonlyargcount]
+        given = [frame.f_locals.get(name) for name in names] if event == "call" else []
+        if any(each is axes or isinstance(each, Grid) for each in given):
+            note(frame.f_code)
+
+    def read(study, name):
+        if name == "grid":
+            note(sys._getframe(1).f_code)
+        return object.__getattribute__(study, name)
+
+    monkeypatch.setattr(Study, "__getattribute__", read)
+    for profile in (threading.setprofile, sys.setprofile):
+        profile(called)
+    try:
+        dimersweep.sweep(axes, periods=5, progress=False, workers=1, out=tmp_path / "cube.nc")
+    finally:
+        for profile in (threading.setprofile, sys.setprofile):
+            profile(None)
+    assert 4 < len(stays) <= 12 and len(set(stays)) <= 9, stays

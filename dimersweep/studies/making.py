@@ -32,9 +32,8 @@ BLOCK = 1 << 16  # points of other cubes that are looked up at a time
 _POINTS = ("grid", "fixed", "refine")
 
 Stands = Callable[[np.ndarray, np.ndarray], np.ndarray]  # see `Study.stands`
-Known = Callable[
-    [Iterable[Tile], Stands], Iterator[Finished]
-]  # what another cube has of some ranges, as far as it stands
+# what another cube has of some ranges of points, as far as it stands
+Known = Callable[[Iterable[Tile], Stands], Iterator[Finished]]
 
 
 def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
