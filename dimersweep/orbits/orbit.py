@@ -266,7 +266,7 @@ TEXTS = {
     "di_end": QUANTITIES["di_end"],
     "word": Quantity("1", "sequence of contact states"),
 }
-NAMED = {"word": "sequence"}  # attributes of an orbit whose columns have other names, those of former files
+ATTRIBUTE_OF = {"word": "sequence"}  # attributes of an orbit whose columns have other names, those of former files
 DOUBLING = Quantity("1", "coefficient of the flip: a stable orbit of twice the period begins where it is positive")
 MULTIPLIERS = {
     "multipliers_real": Quantity("1", "real parts of the multipliers of the fast part, the largest first"),
@@ -290,7 +290,7 @@ def multiplier_columns(dims: Sequence[str], rows: np.ndarray) -> dict[str, xr.Va
 def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Mapping[str, Column] = {}) -> xr.Dataset:
     """The attributes of orbits along `dim`, and `more` columns; parameters that all share are attributes of the dataset."""
     columns = {
-        name: ([getattr(orbit, NAMED.get(name, name)) for orbit in orbits], said)
+        name: ([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said)
         for name, said in (COLUMNS | TEXTS).items()
     }
     table = xr.Dataset()

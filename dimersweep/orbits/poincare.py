@@ -39,10 +39,9 @@ from dimersweep.kernel.sample import sample
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.parameters import bounds, check, fill_rows
 from dimersweep.runs.period_map import NAMES, Section, free_coordinates
-from dimersweep.runs.solving import MAX_ROWS
+from dimersweep.runs.solving import MAX_ROWS, RECORD_GROWTH, RECORD_ROWS
 
 SPIN_COORDINATE = NAMES.index("spin")
-FIRST_ROWS, ROWS_GROWTH = 400, 4  # of the record
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
@@ -89,7 +88,7 @@ class Recorder:
         self.space = new_workspace()
         self.periods = 0.0  # forcing periods that have been run
         self.bounds: dict[tuple[object, ...], tuple[float, float]] = {}  # of a parameter beside the others
-        self.record = new_record(FIRST_ROWS)
+        self.record = new_record(RECORD_ROWS)
 
     def run(
         self, row: np.ndarray, start: np.ndarray, periods: int, rtol: float, path: bool = False
@@ -101,7 +100,7 @@ class Recorder:
             status = advance(row, state, modes, ask_for(periods, rtol, path=path), self.space, self.record)
             if status != RECORD_FULL or len(self.record.events) >= MAX_ROWS:
                 break
-            self.record = new_record(ROWS_GROWTH * len(self.record.events))
+            self.record = new_record(RECORD_GROWTH * len(self.record.events))
         _check(status)
         events, segments = (self.record.counts[which] for which in (EVENT_ROWS, SEGMENT_ROWS))
         passage = Passage(self.record.events[:events].copy(), self.record.segments[:segments].copy())
