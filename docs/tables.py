@@ -13,7 +13,7 @@ from dimersweep.cubes.results import RESULT
 from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.orbit import COLUMNS, MULTIPLIERS
-from dimersweep.orbits.orbit import WORDS as WORDS_OF_ORBITS
+from dimersweep.orbits.orbit import TEXTS
 from dimersweep.parameters import RULES
 from dimersweep.symbols import (
     BASE,
@@ -201,7 +201,7 @@ def works() -> Markdown:
 
 def orbits() -> Markdown:
     """The attributes of an orbit that stand in every dataset of orbits."""
-    return _quantities(COLUMNS | MULTIPLIERS | WORDS_OF_ORBITS)
+    return _quantities(COLUMNS | MULTIPLIERS | TEXTS)
 
 
 def borders() -> Markdown:

@@ -205,7 +205,7 @@ def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
     Examples
     --------
     >>> from dimersweep import simulate, stability
-    >>> found = stability.lyapunov(simulate(Gamma=3.0, periods=200), periods=130)
+    >>> found = stability.lyapunov(simulate(Gamma=3.0, e=0.8, periods=200), periods=130)
     >>> found.exponent > 10 * found.error  # chaos: a small difference grows
     True
     """
