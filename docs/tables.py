@@ -12,8 +12,7 @@ from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.cubes.results import RESULT
 from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
 from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.orbit import COLUMNS, MULTIPLIERS
-from dimersweep.orbits.orbit import TEXTS
+from dimersweep.orbits.orbit import COLUMNS, MULTIPLIERS, TEXTS
 from dimersweep.parameters import RULES
 from dimersweep.symbols import (
     BASE,
