@@ -50,7 +50,7 @@ def test_the_run_behind_a_search_is_the_one_that_decided():
 
 
 def test_the_run_behind_each_point_of_a_patient_sweep_has_its_periods_events_and_mode():
-    """Some points are judged after twice their first periods: another verdict than after all that they may take at once."""
+    """Some points are classified after twice their first periods: another verdict than after all that they may take at once."""
     axes = {"Gamma": {"start": 1.2, "stop": 3.0, "num": 6}, "beta0": {"start": 10, "stop": 80, "num": 8, "unit": "deg"}}
     cube = dimersweep.sweep(axes, periods=40, max_periods=300, progress=False).stack(point=("Gamma", "beta0"))
     cube = cube.reset_index("point")

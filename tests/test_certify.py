@@ -32,7 +32,7 @@ beta0 = {start = 4, stop = 60, num = 8, unit = "deg"}
 pytestmark = pytest.mark.usefixtures("empty_folder")
 
 
-def judged(periods=100, max_periods=None, **start):
+def classified(periods=100, max_periods=None, **start):
     """Mode and confidence of one point."""
     row, how = Parameters(**start).row()[None], RunSettings(periods, max_periods or periods, 1e-8)
     out, codes = run_all_patiently(row, how)
@@ -42,27 +42,27 @@ def judged(periods=100, max_periods=None, **start):
 def test_a_verdict_is_certain_but_at_a_border():
     """Between a start that drifts and one that does not, bisection finds a change: there, but not far from it, it is told."""
     inside, outside = np.deg2rad(16.0), np.deg2rad(4.0)
-    modes = [judged(beta0=beta0) for beta0 in (inside, outside)]
+    modes = [classified(beta0=beta0) for beta0 in (inside, outside)]
     assert modes[0] == (M_DRIFT, CERTAIN)
     assert modes[1][0] != M_DRIFT
     while abs(inside - outside) > 1e-9:
         middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if judged(beta0=middle)[0] == M_DRIFT else (inside, middle)
-    assert judged(beta0=inside)[1] in (UNSURE, CHANGED)
-    assert judged(beta0=outside)[1] in (UNSURE, CHANGED)
+        inside, outside = (middle, outside) if classified(beta0=middle)[0] == M_DRIFT else (inside, middle)
+    assert classified(beta0=inside)[1] in (UNSURE, CHANGED)
+    assert classified(beta0=outside)[1] in (UNSURE, CHANGED)
 
 
 def test_what_has_not_settled_is_unsure():
-    assert judged(e=0.8, Gamma=3.0, f=25.0, beta0=0.3) == (M_APERIODIC, UNSURE)
-    assert judged(periods=10) == (M_UNRESOLVED, UNSURE)
+    assert classified(e=0.8, Gamma=3.0, f=25.0, beta0=0.3) == (M_APERIODIC, UNSURE)
+    assert classified(periods=10) == (M_UNRESOLVED, UNSURE)
 
 
 @pytest.mark.parametrize("Gamma", [0.8, 0.85])
 def test_a_point_that_may_take_more_periods_is_as_certain_as_its_first_run(Gamma):
     """Its shadows begin with as few periods as it does, so that they settle by the same rule."""
-    alone = judged(periods=40, max_periods=40, Gamma=Gamma, beta0=np.deg2rad(18.9))
+    alone = classified(periods=40, max_periods=40, Gamma=Gamma, beta0=np.deg2rad(18.9))
     assert alone == (M_DRIFT, CERTAIN)
-    assert judged(periods=40, max_periods=640, Gamma=Gamma, beta0=np.deg2rad(18.9)) == alone
+    assert classified(periods=40, max_periods=640, Gamma=Gamma, beta0=np.deg2rad(18.9)) == alone
 
 
 def test_a_mode_by_another_transient_is_luck():

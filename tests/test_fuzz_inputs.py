@@ -59,7 +59,7 @@ def one_line(error):
     return len(first) > 10 and len(rest) == (int(counted[1]) if counted else 0)
 
 
-def judged(text):
+def checked(text):
     """What reading a declaration comes to."""
     Path("fuzzed.toml").write_bytes(text if isinstance(text, bytes) else text.encode("utf-8", "surrogatepass"))
     try:
@@ -80,7 +80,7 @@ def test_a_value_of_a_declaration_replaced(name, data):
     place = data.draw(st.sampled_from(places))
     key = lines[place].split("=")[0]
     lines[place] = f"{key}= {data.draw(TOKENS)}"
-    judged("\n".join(lines))
+    checked("\n".join(lines))
 
 
 @steady
@@ -91,7 +91,7 @@ def test_a_line_of_a_declaration_lost_doubled_or_moved(name, data):
     line = lines[take] if data.draw(st.booleans()) else lines.pop(take)
     if data.draw(st.booleans()):
         lines.insert(put, line)
-    judged("\n".join(lines))
+    checked("\n".join(lines))
 
 
 @steady
@@ -99,7 +99,7 @@ def test_a_line_of_a_declaration_lost_doubled_or_moved(name, data):
 def test_bytes_of_a_declaration_changed(name, place, bytes_, cut):
     written = TEXTS[name].encode()
     place %= len(written)
-    judged(written[:place] + bytes_ + (b"" if cut else written[place + len(bytes_) :]))
+    checked(written[:place] + bytes_ + (b"" if cut else written[place + len(bytes_) :]))
 
 
 NAMES = st.lists(st.sampled_from(["f", "Gamma", "e", "e_1", "phi0"]), min_size=1, max_size=3, unique=True)

@@ -1,4 +1,4 @@
-"""Input is judged in one place; each refusal is one line with the parameter, the value and what is allowed."""
+"""Input is checked in one place; each refusal is one line with the parameter, the value and what is allowed."""
 
 import re
 import tracemalloc
@@ -51,19 +51,19 @@ def test_a_parameter_is_that_of_both_ends_unless_one_has_its_own(parameters, end
 def test_runs_axes_fixed_values_and_points_have_one_rule_for_the_ends(values, data):
     varied = data.draw(st.sets(st.sampled_from(sorted(values)), min_size=1))
     axes, fixed = {name: [values[name]] for name in varied}, {n: v for n, v in values.items() if n not in varied}
-    judged = {
+    checked = {
         "run": lambda: Parameters(**values).row(),
         "grid": lambda: make_grid(axes, fixed).rows_at(np.arange(1))[0],
         "points": lambda: make_points(axes, fixed).rows_at(np.arange(1))[0],
         "fixed": lambda: make_grid({"f": [15.0]}, values).rows_at(np.arange(1))[0],
     }
     if len(values) == 3:
-        for row in judged.values():
+        for row in checked.values():
             with pytest.raises(ParameterError, match=r"^e: has no effect beside e_1 and e_2"):
                 row()
         return
     ends = [values.get(end, values.get("e", 0.6)) for end in ("e_1", "e_2")]
-    for row in judged.values():
+    for row in checked.values():
         assert row()[:2].tolist() == ends
 
 
@@ -147,10 +147,10 @@ def test_columns_are_judged_as_all_their_combinations_are(mu, mu_s, D_r, r):
 
 
 def test_a_grid_of_1e9_points_is_judged_by_its_axes(monkeypatch):
-    judged, holds = [], Rule.holds
+    checked, holds = [], Rule.holds
 
     def counting(rule, values, other):
-        judged.append(np.size(values) + np.size(other))
+        checked.append(np.size(values) + np.size(other))
         return holds(rule, values, other)
 
     monkeypatch.setattr(Rule, "holds", counting)
@@ -160,7 +160,7 @@ def test_a_grid_of_1e9_points_is_judged_by_its_axes(monkeypatch):
         assert make_grid(axes).size > 1e9
         with pytest.raises(ParameterError, match=r"^mu_s = 0.2: must be >= mu = 0.200003"):
             make_grid(axes | {"mu_s": np.linspace(0.2, 0.9, 31_700)})
-        assert 31_700 < sum(judged) < 10 * 31_700
+        assert 31_700 < sum(checked) < 10 * 31_700
         assert tracemalloc.get_traced_memory()[1] < 20e6
     finally:
         tracemalloc.stop()
