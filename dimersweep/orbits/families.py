@@ -36,7 +36,6 @@ from dimersweep.orbits.specials import JOINED
 MISSING_OVER = 0.02  # part of the spin over which orbits may be missing, where a sequence just changes
 TRIES = 8  # on the way from one spin to the next
 THROUGH = 3  # points of the family through which the next one is looked for
-SPIN_RTOL = 1e-12  # accuracy of the spin after many periods, relative
 OVER_THE_END = 1e-7  # of the greatest spin, by which rounding may lead over an end of the family
 BEGIN_AT = (0.5, 0.25, 0.75, 0.0, 1.0)  # parts of the range of spins at which a first orbit is looked for
 READ = ("radius", "period", "zeta")
@@ -310,9 +309,7 @@ def _spin_after(spins: np.ndarray, drift: np.ndarray, spin: float, periods: floa
         return float(min(s[0] - spins[0], spins[-1] - s[0]) + aside)
 
     inside.terminal = True  # type: ignore[attr-defined]
-    way = solve_ivp(
-        lambda _, s: flow(s), (0.0, periods), [spin], "LSODA", events=inside, rtol=SPIN_RTOL, atol=SPIN_RTOL * scale
-    )
+    way = solve_ivp(lambda _, s: flow(s), (0.0, periods), [spin], "LSODA", events=inside, rtol=RTOL, atol=RTOL * scale)
     if way.status == 1:
         ends = f"the motion comes to the end of the family after {abs(way.t[-1]):.0f}"
         raise ParameterError(f"periods = {periods:g}: {ends}")
