@@ -36,7 +36,7 @@ class Ran(NamedTuple):
     start : ndarray, shape (1, N_START), optional
         State and friction modes that all of them started from, in place of the starts in `rows`.
     ends : ndarray, shape (n, N_START), optional
-        Where they have ended: for an observer that asks for it.
+        Where their states are carried on from, see `Solved.onward`: for an observer that asks for it.
     """
 
     rows: np.ndarray

@@ -12,9 +12,8 @@ from dimersweep.cubes.grid import Grid, check_fits
 from dimersweep.cubes.results import Field, Tile, blank_results, kind_with, not_ok
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
-from dimersweep.kernel.model.layout import CODE_STATUS, STOPPED
 from dimersweep.runs.carrying import carried
-from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently, run_row
+from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently
 from dimersweep.studies.observers import Observer, Ran
 
 MOST_PARTS = 200  # that are timed
@@ -152,18 +151,11 @@ class Study:
     def _runs(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
         """Run `points`, from the first one on; where a state is carried, in whole lines."""
         rows = self.grid.rows_at(points)
-        if "direction" in self.grid.axes:
+        if "direction" in self.grid.axes or any(observer.needs_ends for observer in self.observers):
             for first in range(0, points.size, self.line):
                 line = slice(first, first + self.line)
-                way = -1 if self.grid.values(points[first])["direction"] else 1
+                way = -1 if self.grid.values(points[first]).get("direction") else 1
                 yield from self._carried(rows[line][::way], results[line][::way], space)
-        elif any(observer.needs_ends for observer in self.observers):
-            for k, row in enumerate(rows):
-                solved, here = run_row(row, None, self.how, space), slice(k, k + 1)
-                if solved.codes[CODE_STATUS] == STOPPED:
-                    return
-                results["out"][here], results["codes"][here] = solved.out, solved.codes
-                yield Ran(rows[here], self.how, results[here], ends=solved.end.start)
         else:
             out, codes = blank(points.size)
             done = run_patiently(rows, self.how, out, codes, until=SLOW_MODES, space=space)
@@ -171,7 +163,7 @@ class Study:
             yield Ran(rows[:done], self.how, results[:done])
 
     def _carried(self, rows: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
-        """Run the points of one line, each from the state in which the one before it has ended."""
+        """Run the points of one line, or a point alone, each from the state in which the one before it has ended."""
         for k, solved in enumerate(carried(rows, self.how, space)):
             here = slice(k, k + 1)
             results["out"][here], results["codes"][here] = solved.out, solved.codes
