@@ -112,8 +112,8 @@ class Search(Study):
         """See `Study`: the points are taken from coarse to fine."""
         legal = legal_points(self.grid)
         reached = np.zeros(legal.size, dtype=bool)
-        for points, neighbours in waves(self.grid.shape):
-            near = {point: beside for point, beside in zip(points.tolist(), neighbours, strict=True) if legal[point]}
+        for wave in waves(self.grid.shape):
+            near = {point: beside for point, beside in wave.items() if legal[point]}
             yield self.led(near, results(), reached, int(legal.sum()))
 
     def led(self, near: Mapping[int, Collection[int]], results: np.ndarray, reached: np.ndarray, wanted: int) -> Batch:
@@ -197,15 +197,10 @@ class Search(Study):
         return results
 
 
-def waves(shape: tuple[int, ...]) -> Iterator[tuple[np.ndarray, list[list[int]]]]:
-    """Points of a grid from coarse to fine, each wave with the neighbours of its points in the waves before.
+def waves(shape: tuple[int, ...]) -> Iterator[dict[int, list[int]]]:
+    """Points of a grid from coarse to fine, each with its neighbours in earlier waves, on both sides along every axis.
 
-    Yields
-    ------
-    points : ndarray, shape (n,), int
-        Numbers of the points in C order; every point of the grid comes once.
-    neighbours : list of list of int
-        Of each of them: points of earlier waves, on both sides along every axis.
+    Points are told by their numbers in C order; every point of the grid comes once, in order within a wave.
     """
     places = np.indices(shape).reshape(len(shape), -1).T
     stride = 1 << max(0, (max(shape) - 1).bit_length() - 2)  # one lone point would keep a single thread busy
@@ -213,7 +208,8 @@ def waves(shape: tuple[int, ...]) -> Iterator[tuple[np.ndarray, list[list[int]]]
     while stride:
         new = np.flatnonzero(~taken & (places % stride == 0).all(axis=1))
         taken[new] = True
-        yield new, [_neighbours(place, stride, shape) for place in places[new].tolist()]
+        neighbours = (_neighbours(place, stride, shape) for place in places[new].tolist())
+        yield dict(zip(new.tolist(), neighbours, strict=True))
         stride //= 2
 
 
