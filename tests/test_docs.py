@@ -100,7 +100,7 @@ WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding=
 @pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
 def test_each_block_of_a_page_runs_by_itself_twice(page, tmp_path, monkeypatch):
-    """Each block by itself, and once more in the folder that it has been run in."""
+    """Each block by itself, and once more in the folder that it has been run in, if it has left anything there."""
     for again in (False, True):
         examples, names = examples_of(page, [PythonCodeBlockParser(), SkipParser()])
         shared = dict(names)
@@ -111,7 +111,8 @@ def test_each_block_of_a_page_runs_by_itself_twice(page, tmp_path, monkeypatch):
             folder = tmp_path / str(number)
             folder.mkdir(exist_ok=again)
             monkeypatch.chdir(folder)
-            example.evaluate()
+            if not again or any(folder.iterdir()):
+                example.evaluate()
 
 
 WITH_DOCTESTS = [

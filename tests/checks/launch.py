@@ -4,23 +4,24 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dimersweep.cubes.cube import blank
 from dimersweep.kernel import event_loop
+from dimersweep.kernel.batch import N_START, run_rows
 from dimersweep.kernel.compiler.jit import exported
-from dimersweep.kernel.course import Ask, motion_of, new_workspace
-from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.course import Ask, new_workspace
 from dimersweep.kernel.model.event_row import EVENT
-from dimersweep.kernel.model.layout import STATUSES
+from dimersweep.kernel.model.layout import CODE_STATUS, FREE, STATUSES
 from dimersweep.kernel.record import EVENT_COUNT, new_record, no_record, rows_of
-from dimersweep.kernel.verdict import past
 from tests.checks.examine import look_at
 
+SCENE = np.zeros((0, N_START))  # in place of states to start from
 
-@exported
-def evolve(dm, ask, state, space, record):
-    """The event loop from any state."""
-    past.begin_past(space.past[0])
-    status, _ = event_loop.evolve(dm, ask, motion_of(state, space.modes, space.past, space), record)
-    return status
+
+def made(row, starts, ask, record):
+    """Status and last state of a run."""
+    (out, codes), space = blank(1), new_workspace()
+    run_rows(row[None], starts, ask, 0, out, codes, space, record)
+    return codes[0, CODE_STATUS], space.state
 
 
 @exported
@@ -31,10 +32,9 @@ def begin(dm, row, state):
 
 def last_state(row, periods, rtol, close):
     """Status, number of events and last state of a scene whose chatters are closed with an accuracy of their own."""
-    dm, space, record = dimer_of(row), new_workspace(), no_record()
-    begin(dm, row, space.state)
-    status = evolve(dm, Ask(periods, rtol, close, False, True), space.state, space, record)
-    return status, record.counts[EVENT_COUNT], space.state
+    record = no_record()
+    status, state = made(row, SCENE, Ask(periods, rtol, close, False, True), record)
+    return status, record.counts[EVENT_COUNT], state
 
 
 class Launched(NamedTuple):
@@ -57,7 +57,7 @@ class Launched(NamedTuple):
 
 
 def launch(row, state, periods, rtol=1e-8, rows=20_000):
-    """Run the dimer of a parameter row from a kernel state for some forcing periods."""
-    state, record = state.copy(), new_record(rows, 200)
-    status = evolve(dimer_of(row), Ask(periods, rtol, rtol, False, True), state, new_workspace(), record)
-    return Launched(row, rtol, STATUSES[status], state, *rows_of(record))
+    """Run the dimer of a parameter row from a kernel state at the start of a period for some forcing periods."""
+    record = new_record(rows, 200)
+    status, last = made(row, np.append(state, [FREE, FREE])[None], Ask(periods, rtol, rtol, False, True), record)
+    return Launched(row, rtol, STATUSES[status], last, *rows_of(record))
