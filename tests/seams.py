@@ -1,13 +1,14 @@
 """What tests replace inside the package, each in one place: a renaming there is mended here.
 
-The kernel that studies call, the compiling before it, the lengths of their tasks, the version of the kernel, and the end of a
-process.
+The kernel that studies call, that which is proven before, the compiling, the lengths and the clock of their tasks, the chunks
+of cubes above memory, the version of the kernel, and the end of a process.
 """
 
 import sys
 
 import pytest
 
+from dimersweep.work.proving import proof
 from dimersweep.work.scheduling import IN_FLIGHT
 from dimersweep.work.tiles import TILE_SECONDS
 
@@ -35,6 +36,22 @@ def no_work(patch):
     """Fail where a point or a run is made."""
     for kernel in ("run_many", "run_recorded"):
         patch.setattr(f"dimersweep.runs.solving.{kernel}", lambda *_, **__: pytest.fail("work was done"))
+
+
+def prove_with(patch, run_many):
+    """Let processes begin with another kernel, which is proven anew."""
+    patch.setattr("dimersweep.work.proving.run_many", run_many)
+    proof.cache_clear()
+
+
+def set_clock(patch, clock):
+    """Let tasks read their time from another clock."""
+    patch.setattr("dimersweep.work.tiles.perf_counter", clock)
+
+
+def set_chunks(patch, points):
+    """Have chunks of so many points in cubes above memory."""
+    patch.setattr("dimersweep.storage.blocks.CHUNK_POINTS", points)
 
 
 def no_warm_up(patch):

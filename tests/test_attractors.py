@@ -22,6 +22,7 @@ from dimersweep.orbits.features import (
 from dimersweep.parameters import Parameters
 from dimersweep.studies.attractors import drawn_starts
 from dimersweep.studies.telling_apart import Attractor, distance, matched
+from tests.checks.data import data
 from tests.checks.tables import multipliers
 
 BOTH = Mirrors(plane=True, ends=True)
@@ -192,13 +193,8 @@ def test_at_one_set_of_parameters_five_attractors_are_told_apart_and_stay():
     assert not slow["confirmed"].any()
 
 
-# drifts with p2 down, all but the last with p1 down, and sequences that change with the spin
-SEQUENCES_OF_UNLIKE = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5e-3, "r_2": 5.1e-3}
-STARTS_OF_UNLIKE = {
-    "beta0": [-0.452, -1.134, -0.112, -0.878, -0.527, 1.081],
-    "xdot0": [-1.357, 1.107, -1.751, 0.565, 0.038, 0.899],
-    "phi0": [1.203, 5.409, 4.521, 5.247, 6.052, 5.147],
-}
+FAMILIES = data("scenes")["families"]
+SEQUENCES_OF_UNLIKE, STARTS_OF_UNLIKE = FAMILIES["of many sequences"].values()
 
 
 def test_a_family_whose_sequence_changes_with_the_spin_is_one_attractor():
@@ -210,10 +206,7 @@ def test_a_family_whose_sequence_changes_with_the_spin_is_one_attractor():
 
 
 def test_motions_that_long_runs_bring_together_are_one_attractor():
-    """One of them is on a family of its own at first, over whose end its spin drifts slowly."""
-    fixed = {"e": 0.60423, "f": 22.774, "A_r": 5.2429, "mu": 0.13524, "mu_s": 0.23056, "Gamma": 0.99085}
-    fixed |= {"r_1": 4.4338e-3, "r_2": 4.3275e-3}
-    starts = {"beta0": [-0.152, -0.953, 1.003], "xdot0": [-1.128, 1.469, 0.354], "phi0": [2.984, 0.128, 3.818]}
+    fixed, starts = FAMILIES["brought together"].values()
     found = attractors(points=starts, fixed=fixed, periods=300, progress=False)
     assert found["basin"].values.tolist() == [1, 1, 2]
     each = [{name: column[k] for name, column in starts.items()} for k in range(2)]
@@ -267,20 +260,6 @@ def test_over_the_intensity_the_drift_appears_at_the_fold_and_goes_at_the_flip_w
         expected = orbits.border(kind, "Gamma", over={"e": [0.6]}, spin=spin)["Gamma"].item()
         assert told[number, what] == (pytest.approx(expected, abs=1e-4), kind)
     assert (over_gamma["count"].sum("attractor") == 24).all()
-
-
-def test_it_is_drawn_as_areas_or_bars(base, over_gamma):
-    axes = plots.attractors(over_gamma).axes[0]
-    tops = axes.collections[over_gamma.sizes["attractor"] - 1].get_paths()[0].vertices[:, 1]
-    assert_allclose(tops.max(), 100)
-    drawn = [
-        line.get_xdata()[0] for line in axes.lines if len(set(line.get_xdata())) == 1 and line.get_linestyle() == "--"
-    ]
-    told = over_gamma["border"].dropna("change")  # the flip is told twice, and drawn once
-    assert_allclose(np.sort(drawn), np.unique(told)[:-1])
-    for alone, shares in ((base, base["share"]), (over_gamma.isel(Gamma=[1]), over_gamma["share"][1])):
-        bars = plots.attractors(alone).axes[0].patches
-        assert_allclose([bar.get_height() for bar in bars], 100 * shares[shares > 0])
 
 
 def test_borders_that_lie_close_share_a_label_and_all_areas_are_named(over_gamma):

@@ -7,7 +7,6 @@ import xarray as xr
 from dimersweep.cubes.checksum import Checksum
 from dimersweep.cubes.cube import blank, build
 from dimersweep.cubes.grid import make_grid
-from dimersweep.cubes.results import Tile, gaps, runs
 from dimersweep.plots.tables import cube_table
 from dimersweep.storage.checking import checksum_of
 from dimersweep.studies.making import _places
@@ -20,23 +19,6 @@ def test_a_point_is_taken_over_bit_for_bit_only(unit):
     for beside in (np.nextafter(old, -np.inf), np.nextafter(old, np.inf), old * (1 - 1e-13), old * (1 + 1e-13)):
         assert _places(old, beside).tolist() == [-1] * 4
     assert _places(old, unit * np.array([0.0, 0.15, 1.0])).tolist() == [-1] * 3
-
-
-@pytest.mark.parametrize(
-    "done",
-    [
-        *([], [(0, 10)], [(0, 3)], [(7, 10)], [(9, 10)], [(0, 1)], [(0, 9)], [(1, 10)], [(3, 5)], [(6, 8), (1, 3)]),
-        *([(0, 6), (2, 4), (9, 10)], [(2, 4), (4, 6)], [(8, 9), (0, 8)]),
-    ],
-)
-def test_gaps_are_the_points_that_no_tile_covers_to_the_last_one(done):
-    found = list(gaps(10, [Tile(*each) for each in done]))
-    covered = np.zeros(10, bool)
-    for start, stop in found:
-        assert start < stop and not covered[start:stop].any()
-        covered[start:stop] = True
-    assert np.flatnonzero(~covered).tolist() == sorted({k for start, stop in done for k in range(start, stop)})
-    assert runs(covered) == found and runs(covered, 100) == [(start + 100, stop + 100) for start, stop in found]
 
 
 def test_a_checksum_tells_a_cube_from_each_that_is_like_it():

@@ -24,6 +24,7 @@ from dimersweep.studies.making import points_in
 from dimersweep.studies.planning import plan
 from dimersweep.studies.study import Study
 from dimersweep.studies.sweep import study_of
+from tests.fakes import same_bits
 from tests.seams import another_version
 
 pytestmark = [pytest.mark.jit, pytest.mark.usefixtures("empty_folder")]
@@ -50,12 +51,6 @@ def asked(monkeypatch):
 
     monkeypatch.setattr("dimersweep.studies.study.carried", counted)
     return made
-
-
-def assert_same_bits(cube, expected):
-    for name in expected.data_vars:
-        assert cube[name].dims == expected[name].dims, name
-        assert cube[name].values.tobytes() == expected[name].values.tobytes(), name
 
 
 def way(cube, word):
@@ -97,7 +92,7 @@ def test_what_rests_stays_at_rest_until_the_plate_throws_it_off():
 
 def test_directions_are_runs_of_their_own(both):
     for word in ("up", "down"):
-        assert_same_bits(sweep(GRID, carry=word, **QUIET), way(both, word))
+        assert same_bits(sweep(GRID, carry=word, **QUIET), way(both, word))
 
 
 def test_words_and_places_of_the_directions(both):
@@ -130,7 +125,7 @@ def test_a_point_alone_does_not_tell_what_was_carried_to_it(both):
 
 def test_strobes_go_on_from_the_run_that_carried_on(both):
     diagram = bifurcation(GRID, carry="both", strobes=3, **QUIET)
-    assert_same_bits(diagram[list(both.data_vars)], both)
+    assert same_bits(diagram[list(both.data_vars)], both)
     where = {"e": 0.6, "direction": "down", "Gamma": 0.9}
     run = diagram.dimersweep.run(**where).go_on(3)
     point = diagram.dimersweep.at(**where)
@@ -284,7 +279,7 @@ def test_loops_tell_the_other_axes(both):
 
 @pytest.mark.parametrize("workers", [1, 3])
 def test_any_number_of_workers_gives_the_same_bits(both, workers):
-    assert_same_bits(sweep(GRID, carry="both", workers=workers, out="cube.nc", **QUIET), both)
+    assert same_bits(sweep(GRID, carry="both", workers=workers, out="cube.nc", **QUIET), both)
     xr.testing.assert_equal(open_cube("cube.nc"), both)
 
 
@@ -323,7 +318,7 @@ def test_what_was_finished_is_not_run_again(both, asked, monkeypatch):
     ):
         sweep(GRID, carry="both", out="cube.nc", workers=1, **QUIET)
     asked.clear()
-    assert_same_bits(sweep(GRID, carry="both", out="cube.nc", **QUIET), both)
+    assert same_bits(sweep(GRID, carry="both", out="cube.nc", **QUIET), both)
     assert asked == [10, 10]
     assert not Path("cube.nc.tiles").exists()
 
@@ -342,7 +337,7 @@ def test_a_retry_makes_whole_lines_again(both, asked, monkeypatch):
     cube = sweep(GRID, carry="both", out="cube.nc", workers=1, **QUIET)
     assert (names(cube["status"]) == "jammed").sum() == 1
     asked.clear()
-    assert_same_bits(sweep(GRID, carry="both", out="cube.nc", retry=True, **QUIET), both)
+    assert same_bits(sweep(GRID, carry="both", out="cube.nc", retry=True, **QUIET), both)
     assert asked == [10]
 
 
@@ -359,7 +354,7 @@ def test_lines_of_another_cube_are_taken_over(asked, grid, carry, new):
     sweep(GRID, carry="up", out="old.nc", **QUIET)
     expected = sweep(grid, carry=carry, **QUIET)
     asked.clear()
-    assert_same_bits(sweep(grid, carry=carry, extend="old.nc", **QUIET), expected)
+    assert same_bits(sweep(grid, carry=carry, extend="old.nc", **QUIET), expected)
     assert asked == [10] * new
 
 
@@ -401,7 +396,7 @@ def test_a_plan_times_lines():
 def test_a_cube_may_be_written_block_by_block(both):
     pytest.importorskip("zarr")
     cube = sweep(GRID, carry="both", out="cube.zarr", **QUIET)
-    assert_same_bits(cube, both)
+    assert same_bits(cube, both)
     assert names(open_cube("cube.zarr")["direction"]).values.tolist() == ["up", "down"]
 
 

@@ -13,6 +13,7 @@ from dimersweep.kernel.model.layout import CODES, M_APERIODIC, M_DRIFT, M_REST, 
 from dimersweep.runs.shadows import CERTAIN, CHANGED, ORBIT, UNSURE, certified, compared, orbit_difference
 from dimersweep.runs.solving import RunSettings, run_all_patiently
 from dimersweep.studies.declared import from_cube, read_declaration
+from tests.seams import set_chunks
 
 GRID = {"Gamma": [0.7, 0.9], "beta0": {"start": 4, "stop": 60, "num": 8, "unit": "deg"}}
 SETTINGS = {"periods": 100, "progress": False, "workers": 1}
@@ -126,7 +127,7 @@ def test_certified_points_extend_certified_sweeps_only():
 
 def test_a_cube_above_memory_has_them_too(fake_kernel, monkeypatch):
     pytest.importorskip("zarr")
-    monkeypatch.setattr("dimersweep.storage.blocks.CHUNK_POINTS", 3)
+    set_chunks(monkeypatch, 3)
     cube = dimersweep.sweep(GRID, **SETTINGS, certify=True, out="cube.zarr")
     memory = dimersweep.sweep(GRID, **SETTINGS, certify=True)
     for name in ("confidence", "error_estimate"):

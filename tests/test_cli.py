@@ -224,25 +224,29 @@ def slow_sweep(declared="small.toml", cube="fig07-small.nc"):
 
 
 @pytest.mark.parametrize(
-    ("number", "code", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+    ("declared", "cube", "number", "word"),
+    [
+        ("small.toml", "fig07-small.nc", signal.SIGINT, "interrupted"),
+        ("small.toml", "fig07-small.nc", signal.SIGTERM, "terminated"),
+        ("map.toml", "fig08-small.nc", signal.SIGINT, "interrupted"),
+    ],
 )
-def test_a_signal_stops_a_sweep_and_it_goes_on(call, fake_kernel, number, code, word):
-    with slow_sweep() as process:
+def test_a_signal_stops_a_sweep_or_a_map_and_it_goes_on(call, fake_kernel, declared, cube, number, word):
+    Path("map.toml").write_text(SMALL_MAP)
+    with slow_sweep(declared, cube) as process:
         process.send_signal(number)
         _, err = process.communicate(timeout=60)
-    assert process.returncode == code
-    told = re.fullmatch(
-        rf"dimersweep: {word}: (\d+) of 132 points are kept in fig07-small.nc.tiles; run the same again to go on",
-        err.splitlines()[-1],
-    )
-    done = int(told[1])
-    assert 0 < done < 132
-    assert sorted(os.listdir()) == ["fig07-small.nc.tiles", "small.toml"]
-    assert call("status", "fig07-small.nc")[0].startswith(f"fig07-small.nc: {done} of 132 points done")
-    _, err, code = call("run", "small.toml", "--no-plot")
+    assert process.returncode == 128 + number
+    points = r"points known to be needed so far" if declared == "map.toml" else "points"
+    kept = rf"(\d+) of (\d+) {points} are kept in {cube}.tiles; run the same again to go on"
+    done, size = re.fullmatch(f"dimersweep: {word}: {kept}", err.splitlines()[-1]).groups()
+    assert 0 < int(done) < int(size) and (declared == "map.toml" or size == "132")
+    assert sorted(os.listdir()) == [f"{cube}.tiles", "map.toml", "small.toml"]
+    assert call("status", cube)[0].startswith(f"{cube}: {done} of {size} {points}")
+    _, err, code = call("run", declared, "--no-plot")
     assert code == 0, err
-    assert f"going on: {done} of 132 points are done" in err
-    assert sorted(os.listdir()) == ["fig07-small.nc", "small.toml"]
+    assert f"going on: {done} of {size}" in err or (declared == "map.toml" and f"going on: {done} of " in err)
+    assert sorted(os.listdir()) == [cube, "map.toml", "small.toml"]
 
 
 ENDLESS = """
@@ -456,25 +460,6 @@ def test_a_sweep_that_is_stopped_says_what_is_kept_wherever_it_is(done, fake_ker
     assert said == f"dimersweep: interrupted: {written}"
     done("run", "small.toml")
     assert sorted(os.listdir()) == ["fig07-small.nc", "fig07-small.png", "small.toml"]
-
-
-def test_a_signal_stops_a_map_and_it_goes_on(call, fake_kernel):
-    Path("map.toml").write_text(SMALL_MAP)
-    with slow_sweep("map.toml", "fig08-small.nc") as process:
-        process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=60)
-    assert process.returncode == 130
-    words = r"(\d+) of (\d+) points known to be needed so far"
-    told = re.fullmatch(
-        rf"dimersweep: interrupted: {words} are kept in fig08-small.nc.tiles; run the same again to go on",
-        err.splitlines()[-1],
-    )
-    assert 0 < int(told[1]) < int(told[2])
-    assert call("status", "fig08-small.nc")[0].startswith(f"fig08-small.nc: {told[1]} of {told[2]} points known to")
-    _, err, code = call("run", "map.toml", "--no-plot")
-    assert code == 0, err
-    assert f"going on: {told[1]} of " in err
-    assert sorted(os.listdir()) == ["fig08-small.nc", "map.toml", "small.toml"]
 
 
 def test_two_sweeps_do_not_share_a_store_and_status_names_the_holder(call, done, refused, fake_kernel):

@@ -101,7 +101,7 @@ def test_any_range_of_points_is_the_same_slice_of_the_grid(start, stop):
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "count"), [(0.3, 7.1, 1001), (1.0, 1e6, 7), (1e-300, 1e300, 50), (0.1, 0.2, 2)]
+    ("low", "high", "count"), [(0.3, 7.1, 1001), (1.0, 1e6, 7), (1e-3, 1e3, 7), (1e-300, 1e300, 50), (0.1, 0.2, 2)]
 )
 def test_values_in_a_fixed_ratio_are_the_nearest_floats(low, high, count):
     """So no processor gives others; powers of numpy are off by a last digit here and there, and where depends on it."""
@@ -134,21 +134,6 @@ def test_steps_give_the_decimal_numbers_that_one_would_write(step):
         0.0,
         *written,
     ]
-
-
-def test_a_range_and_a_list_have_the_same_values():
-    assert axis_values("e", {"start": 0.1, "stop": 0.9, "step": 0.1}).tolist() == [
-        0.1,
-        0.2,
-        0.3,
-        0.4,
-        0.5,
-        0.6,
-        0.7,
-        0.8,
-        0.9,
-    ]
-    assert 0.3 in axis_values("e", {"start": 0, "stop": 1, "num": 11})
 
 
 @given(st.integers(-(10**6), 10**6), st.integers(1, 10**6), st.integers(0, 8), st.integers(2, 60))
@@ -190,11 +175,6 @@ def test_angles_of_a_range_are_those_that_their_texts_give(ends):
 def test_an_angle_in_degrees_may_end_a_range_in_radians():
     values = axis_values("theta0", {"start": 0.5, "stop": "90 deg", "num": 3})
     assert values.tolist() == meant(0.5, np.pi / 2, 3)
-
-
-def test_decades_are_decimal():
-    values = axis_values("xdot0", {"start": 1e-3, "stop": 1e3, "num": 7, "spacing": "log"})
-    assert values.tolist() == [1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 1e3]
 
 
 def test_halves_are_decimal():

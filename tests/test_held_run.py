@@ -13,18 +13,11 @@ from dimersweep import simulate
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.storage.provenance import digest
 from dimersweep.symbols import PARAMETERS
+from tests.checks.data import data
 
 pytestmark = pytest.mark.jit
 F = 15.0
-SCENES = {
-    "drift": {},
-    "rest": {"f": 25, "beta0": 1.535},
-    "jump": {"Gamma": 1.4, "beta0": 0.3},
-    "hard": {"Gamma": 2.5, "e": 0.8, "f": 25},
-    "slow": {"Gamma": 0.3, "xdot0": 0.05},
-    "shifted": {"phi0": 2.0, "A_r": 4.0},
-    "slides": {"mu": 0.05, "mu_s": 0.05, "Gamma": 0.8, "xdot0": 0.6},
-}
+SCENES = data("scenes")["held"]
 
 
 def same_runs(run, other):

@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from dimersweep import orbits, simulate, sweep
+from tests.checks.data import data
 
 # zeta far from a right angle, turning either way, down on the other end; unlike balls; a spiral
 CIRCLES = [
@@ -65,9 +66,7 @@ def test_an_orbit_has_the_path_of_a_run_on_it(scene):
 
 @pytest.mark.parametrize("spin", [19.7, -40.0, 60.0])  # at 19.7 no motion that drifts slowly is found
 def test_the_rate_of_an_orbit_drifts_with_its_spin(spin):
-    orbit = orbits.find(
-        e=0.5896333951537192, mu=0.25102286019814835, mu_s=0.5020457203962967, A_r=6.1111617441311825, spin=spin
-    )
+    orbit = orbits.find(**data("scenes")["motions"]["drifts elsewhere"], spin=spin)
     ratio = orbit.spin_drift / orbit.spin
     assert -2e-6 < ratio < -2e-7
     assert orbit.precession_rate_drift / orbit.precession_rate == pytest.approx(ratio, rel=1e-2)

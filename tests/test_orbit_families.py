@@ -12,6 +12,7 @@ from dimersweep.orbits.edges import uncertainty
 from dimersweep.orbits.manifold import lag, slow_motion_of
 from dimersweep.orbits.newton import fixed_at, solve
 from dimersweep.orbits.orbit import orbit_of
+from tests.checks.data import data
 
 
 @pytest.fixture(scope="module")
@@ -245,21 +246,11 @@ def test_runs_beside_the_family_of_unlike_balls_come_to_it(side):
         assert float(curve(beside.spin)) == pytest.approx(getattr(beside, name), rel=1e-5), name
 
 
-PASSES_A_BORDER = {
-    "e": 0.7433423608556691,
-    "Gamma": 0.5879174426469472,
-    "f": 10.871068058945365,
-    "A_r": 4.258092942455766,
-    "mu": 0.18162133214136056,
-    "mu_s": 0.28237042799378276,
-    "beta0": 1.1040930235653665,
-    "xdot0": 1.7378546837487074,
-}
-
-
 def test_a_run_leaves_its_family_where_its_double_impact_ends_another_way():
     """It settled after 72 periods; the spin drifts on, past the end of the family, and the run goes over to the next one."""
-    settled, before, beyond = (simulate(**PASSES_A_BORDER, periods=n) for n in (72, 320, 350))
+    settled, before, beyond = (
+        simulate(**data("scenes")["motions"]["passes a border"], periods=n) for n in (72, 320, 350)
+    )
     branch = orbits.follow(orbits.find(guess=settled), "spin", to=145.0)
     assert branch["word"].values[-1].startswith("DI_sp_sp>DI_sp_sk ")
     assert "the next one found has the sequence DI_sp_sp " in branch.attrs["end"]

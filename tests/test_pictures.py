@@ -368,14 +368,16 @@ def shares_of(share, **axis):
             "share": (dims, share),
             "share_low": (dims, share - 0.05 * (share > 0)), "share_high": (dims, share + 0.1 * (share > 0)),
             "mode": (dims, np.where(share > 0, words, "")), "periods": (dims, np.where(share > 0, [0, 1, 3][:n], 0)),
-            "border": ("change", [0.85, np.nan]), "border_kind": ("change", ["fold", ""]), "start": ("start", np.arange(10)),
+            "border": ("change", [0.85, 0.85, np.nan]), "border_kind": ("change", ["fold", "fold", ""]),
+            "start": ("start", np.arange(10)),
         },
         {"attractor": np.arange(n), **axis},
     )  # fmt: skip
 
 
-def test_bars_are_the_shares_of_attractors_with_their_bounds():
-    axes = drawn(attractors(shares_of([0.2, 0.5, 0.3]))).axes[0]
+@pytest.mark.parametrize(("share", "over"), [([0.2, 0.5, 0.3], {}), ([[0.2, 0.5, 0.3]], {"Gamma": [0.9]})])
+def test_bars_are_the_shares_of_attractors_with_their_bounds(share, over):
+    axes = drawn(attractors(shares_of(share, **over))).axes[0]
     assert [tick.get_text() for tick in axes.get_xticklabels()] == [
         "0: rest",
         "1: drift, period 1",

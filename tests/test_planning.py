@@ -8,7 +8,7 @@ from dimersweep.studies.planning import plan
 from dimersweep.studies.refine import refine
 from dimersweep.studies.search import search, study_of
 from tests.fakes import banded_kernel, fake_run_many
-from tests.seams import use_kernel
+from tests.seams import set_clock, use_kernel
 from tests.test_refine import COARSE
 
 GRID = {"f": np.linspace(0.2, 9, 30), "e": [0.5, 0.6, 0.7], "beta0": np.linspace(0.03, 0.3, 19)}
@@ -25,7 +25,7 @@ def made(monkeypatch):
             return runs[-1]
 
         use_kernel(monkeypatch, counting)
-        monkeypatch.setattr("dimersweep.work.tiles.perf_counter", lambda: float(sum(runs)))
+        set_clock(monkeypatch, lambda: float(sum(runs)))
         monkeypatch.setattr("dimersweep.work.tiles.OVERTIME", np.inf)
         return runs
 

@@ -7,7 +7,6 @@ from scipy.stats import qmc
 
 import dimersweep
 from dimersweep import make
-from dimersweep.errors import ParameterError
 from dimersweep.plots import draw
 from dimersweep.studies.declared import read_declaration
 
@@ -146,29 +145,6 @@ def test_the_command_runs_a_file_of_points_and_makes_its_cube_again(tmp_path, mo
     assert (tmp_path / "points.png").stat().st_size > 1000
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("f,Gamma\n15,0.9,0.2\n20,0.8,0.3\n", r"table.csv': line 2 has 3 values for 2 columns$"),
-        ("f,Gamma\n15,0.9\n\n20\n", r"table.csv': line 4 has 1 values for 2 columns$"),
-        ("f,Gamma\n15,0.9,\n20,0.8,\n", r"table.csv': line 2 has 3 values for 2 columns$"),
-        ("f,Gamma\n15,0.9\n20,0.8,0.3\n", r"table.csv': line 3 has 3 values for 2 columns$"),
-        ("f, f\n15,20\n", r"table.csv': has 2 columns f; give each parameter once$"),
-        ("f,Gamma\n15,\n", r"Gamma = '': must be a number$"),
-        ("f,Gamma\n15,NA\n", r"Gamma = 'NA': must be a number$"),
-        ("f,Gamma\n15,nan\n", r"Gamma = nan: must be finite$"),
-        ("f,Gamma\n", r"points: 0 of them; must be 1 to"),
-        ("", r"table.csv': is no table \(it is empty\)$"),
-        ("f\n15\n\xff\n", r"table.csv': is no table \("),
-    ],
-)
-def test_a_table_in_a_file_has_one_value_in_each_line_for_each_name(tmp_path, text, message):
-    (tmp_path / "table.csv").write_bytes(text.encode("latin-1"))
-    with pytest.raises(ParameterError, match=message) as caught:
-        declared(tmp_path, '[points]\nfile = "table.csv"')
-    assert "\n" not in str(caught.value)
-
-
 def test_a_table_in_a_file_may_have_spaces_blank_lines_and_units(tmp_path):
     (tmp_path / "table.csv").write_text('\ufeff\nf , beta0\n15, 16 deg\n\n20, "0.2"\n', encoding="utf-8")
     columns = declared(tmp_path, '[points]\nfile = "table.csv"').study().grid.columns
@@ -204,28 +180,3 @@ def test_points_drawn_by_ratio_are_the_nearest_floats(tmp_path):
     with mpmath.workdps(50):
         expected = [float(mpmath.mpf(0.3) * (mpmath.mpf(7) / mpmath.mpf(0.3)) ** mpmath.mpf(share)) for share in even]
     assert by_ratio.tolist() == expected
-
-
-@pytest.mark.parametrize(
-    ("points", "message"),
-    [
-        ("", r"grid: is missing; or give points$"),
-        ("[grid]\nf = [15]\n[points.columns]\nf = [15]", r"grid: give either a grid or points$"),
-        ("[points]", r"points: give one of file, columns and ranges$"),
-        ('[points]\nfile = "none.csv"', r"points.file = '.*none.csv': cannot be read \(No such file or directory\)$"),
-        ("[points]\nseed = 1\n[points.columns]\nf = [15]", r"points.seed = 1: is for points that are drawn"),
-        ("[points.ranges]\nf = { start = 5, stop = 6 }", r"points.number: is missing"),
-        ("[points]\nnumber = 8\n[points.ranges]\nf = { start = 5 }", r"points.ranges.f: give start and stop"),
-        ("[points]\nnumber = 8\n[points.ranges]\nf = { start = 6, stop = 5 }", r"f.stop = 5.0: must be >= start = 6.0"),
-        (
-            '[points]\nsample = "sobol"\nnumber = 9\n[points.ranges]\nf = { start = 5, stop = 6 }',
-            r"must be a power of two",
-        ),
-        ('[points]\nsample = "grid"\n[points.ranges]\nf = { start = 5, stop = 6 }', r"points.sample = 'grid': must be"),
-        ("[points.columns]\nfreq = [15]", r"freq: unknown parameter"),
-        ('[points.columns]\nf = [15]\n[search]\nover = "f"', r"points: is for sweeps; a search has a grid$"),
-    ],
-)
-def test_points_of_a_file_that_cannot_be_are_named(tmp_path, points, message):
-    with pytest.raises(ParameterError, match=message):
-        declared(tmp_path, points)

@@ -3,22 +3,15 @@
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.stats import linregress
 
-from dimersweep.cubes.cube import blank, build
-from dimersweep.cubes.findings import boundary, circle_through, exponents, minimum, runs_of, stick_ratio
-from dimersweep.cubes.grid import make_grid
+from dimersweep.cubes.findings import boundary, circle_through, edges_of, exponents, minimum, runs_of, stick_ratio
 from dimersweep.cubes.results import blank_results
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.model.layout import CODES, M_DRIFT, M_REST, OUT
+from dimersweep.kernel.model.layout import M_DRIFT, M_REST
 from dimersweep.studies.deciding import A_NO, A_YES
 from dimersweep.studies.search import study_of
-
-
-def cube_of(quantity, values, modes=M_DRIFT, **axes):
-    grid = make_grid(axes)
-    out, codes = blank(grid.size)
-    out[:, OUT.index(quantity)], codes[:, CODES.index("mode")] = np.ravel(values), modes
-    return build(grid, out, codes, {})
+from tests.checks.cubes import radii
 
 
 def test_the_boundary_runs_half_way_between_points_that_differ():
@@ -48,7 +41,7 @@ def test_exponents_of_a_law_come_back():
     rng = np.random.default_rng(1)
     for noise in (0.0, 0.01):
         radius = 0.1 * (A_r - 1) ** 2.9 * f**-2.1 * (1 + noise * rng.standard_normal(A_r.shape))
-        laws = exponents(cube_of("radius", radius, A_r=[5, 6, 7], f=[15, 20, 30]))
+        laws = exponents(radii(radius, A_r=[5, 6, 7], f=[15, 20, 30]))
         assert laws["A_r"].exponent == pytest.approx(2.9, abs=1e-9 + 4 * laws["A_r"].error)
         assert laws["f"].exponent == pytest.approx(-2.1, abs=1e-9 + 4 * laws["f"].error)
         assert (laws["f"].error > 1e-3) == (noise > 0)
@@ -58,26 +51,26 @@ def test_exponents_of_a_law_come_back():
 def test_exponents_leave_out_what_does_not_drift():
     radius = np.array([1.0, 4.0, 99.0, 16.0])
     modes = [M_DRIFT, M_DRIFT, M_REST, M_DRIFT]
-    law = exponents(cube_of("radius", radius, modes, f=[10, 20, 30, 40]))["f"]
+    law = exponents(radii(radius, modes, f=[10, 20, 30, 40]))["f"]
     assert law.exponent == pytest.approx(2)
     with pytest.raises(ParameterError, match=r"^exponents: 2 points drift; too few for a fit over f$"):
-        exponents(cube_of("radius", [1, 2, 3], [M_DRIFT, M_DRIFT, M_REST], f=[10, 20, 30]))
+        exponents(radii([1, 2, 3], [M_DRIFT, M_DRIFT, M_REST], f=[10, 20, 30]))
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_law_of_scattered_points_has_no_slopes_between_neighbours():
-    law = exponents(cube_of("radius", [1, np.nan, 16, np.nan, 81, np.nan], f=[10, 20, 40, 60, 90, 100]))["f"]
+    law = exponents(radii([1, np.nan, 16, np.nan, 81, np.nan], f=[10, 20, 40, 60, 90, 100]))["f"]
     assert law.exponent == pytest.approx(2, abs=1e-9) and np.isnan([law.least, law.greatest]).all()
 
 
 @pytest.mark.filterwarnings("error")
 def test_an_axis_may_have_any_values_where_nothing_drifts():
-    law = exponents(cube_of("radius", [np.nan, -3, 1, 4, 16], [M_REST, M_REST, *[M_DRIFT] * 3], xdot0=[-1, 0, 1, 2, 4]))
+    law = exponents(radii([np.nan, -3, 1, 4, 16], [M_REST, M_REST, *[M_DRIFT] * 3], xdot0=[-1, 0, 1, 2, 4]))
     assert law["xdot0"] == pytest.approx((2, 0, 2, 2), abs=1e-9)
 
 
 def test_exponents_are_of_numbers_over_the_axes():
-    cube = cube_of("radius", [1, 2, 4], f=[10, 20, 40])
+    cube = radii([1, 2, 4], f=[10, 20, 40])
     with pytest.raises(ParameterError, match=r"^quantity = 'size': must be one of mode_period, "):
         exponents(cube, "size")
     both = build_carried(cube)
@@ -142,3 +135,31 @@ def test_a_piece_of_a_circle():
 @pytest.mark.parametrize(("A_r", "ratio"), [(4, 0.29643), (5, 0.23932), (6, 0.19958), (7, 0.17103)])
 def test_the_axial_stick_ratio(A_r, ratio):
     assert stick_ratio(A_r) == pytest.approx(ratio, abs=5e-6)
+
+
+def test_the_error_of_an_exponent_is_that_of_a_straight_line():
+    """Of few points, where the two numbers that a line takes count."""
+    f = np.array([15.0, 17.0, 21.0, 30.0])
+    radius = 0.1 * f**-2.1 * np.array([1.01, 0.97, 1.02, 0.99])
+    law = exponents(radii(radius, f=f))["f"]
+    line = linregress(np.log(f), np.log(radius))
+    assert law.exponent == pytest.approx(line.slope, rel=1e-9)
+    assert law.error == pytest.approx(line.stderr, rel=1e-9)
+    slopes = np.diff(np.log(radius)) / np.diff(np.log(f))
+    assert (law.least, law.greatest) == pytest.approx((slopes.min(), slopes.max()))
+
+
+@pytest.mark.parametrize(
+    ("values", "edges"),
+    [
+        ([1, 2, 3], [0.5, 1.5, 2.5, 3.5]),
+        ([1, 2, 4.5], [0.5, 1.5, 3.25, 5.75]),
+        ([1, 2, 4], np.array([1, 2, 4, 8]) / np.sqrt(2)),
+        ([1, 2, 4.1], [0.5, 1.5, 3.05, 5.15]),  # nearly in a fixed ratio
+        ([4, 2, 1], np.array([8, 4, 2, 1]) / np.sqrt(2)),
+        ([-1, 0, 1], [-1.5, -0.5, 0.5, 1.5]),
+        ([3], [2.5, 3.5]),
+    ],
+)
+def test_cells_end_half_way_between_points_and_as_far_beyond_the_last(values, edges):
+    np.testing.assert_allclose(edges_of(np.array(values, float)), edges, rtol=1e-12)

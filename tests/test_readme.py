@@ -3,14 +3,11 @@
 import re
 import shlex
 import shutil
-import sys
 from pathlib import Path
 
 import jupytext
 import pytest
 from nbclient import NotebookClient
-
-from dimersweep import cli
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
@@ -22,9 +19,9 @@ def blocks(page, language):
 
 
 def commands(page):
-    """The lines of a page that call the program, as arguments."""
+    """The arguments of the lines of a page that call the program."""
     lines = [line for block in blocks(page, "bash") for line in block.splitlines()]
-    return [shlex.split(line, comments=True) for line in lines if line.startswith("dimersweep ")]
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("dimersweep ")]
 
 
 def test_the_examples_run(empty_folder, capsys):
@@ -43,26 +40,23 @@ def table(text):
     return {name: (value, unit) for name, value, unit in rows}
 
 
-def test_the_run_prints_what_is_shown(monkeypatch, capsys):
+def test_the_run_prints_what_is_shown(call):
     (arguments,) = commands(README)
     (shown,) = map(table, blocks(README, "text"))
-    monkeypatch.setattr(sys, "argv", arguments)
-    cli.main()
-    printed = table(capsys.readouterr().out)
+    printed = table(call(*arguments)[0])
     assert shown.keys() == printed.keys()
     for name, (value, unit) in shown.items():
         assert printed[name][1] == unit
         assert printed[name][0] == value or float(printed[name][0]) == pytest.approx(float(value), rel=1e-5)
 
 
-def test_the_commands_on_sweeps_run_one_after_the_other(empty_folder, monkeypatch, fake_kernel, capsys):
+def test_the_commands_on_sweeps_run_one_after_the_other(empty_folder, fake_kernel, call):
     shutil.copytree(ROOT / "sweeps", "sweeps")
     lines = commands(ROOT / "docs" / "sweeps.md")
     assert len(lines) >= 6
-    for line in lines:
-        monkeypatch.setattr(sys, "argv", line)
-        cli.main()
-    assert "fig07.nc: complete, 13497 points" in capsys.readouterr().out
+    told = [call(*line) for line in lines]
+    assert all(code == 0 for *_, code in told)
+    assert any("fig07.nc: complete, 13497 points" in out for out, *_ in told)
     assert {path.name for path in empty_folder.iterdir()} >= {"fig07.nc", "same.nc", "finer.nc", "again.png"}
 
 

@@ -8,7 +8,6 @@ import xarray as xr
 
 import dimersweep
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.grid import finer
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, OK
 from dimersweep.storage.store import looked_at
 from dimersweep.storage.tilestore import tiles_of, words_for
@@ -124,12 +123,6 @@ def test_regions_that_are_not_told_apart_cost_nothing(banded):
 def test_a_refined_map_is_written_and_read_back(banded, tmp_path):
     cube = refine(COARSE, out=tmp_path / "map.nc", **SETTINGS)
     xr.testing.assert_identical(dimersweep.open_cube(tmp_path / "map.nc"), cube)
-
-
-def test_finer_keeps_the_given_values():
-    fine = finer(np.array([0.1, 0.3, 1.0]), 2)
-    np.testing.assert_allclose(fine, [0.1, 0.15, 0.2, 0.25, 0.3, 0.475, 0.65, 0.825, 1.0])
-    assert fine[4] == 0.3 and fine[-1] == 1.0
 
 
 def test_cells_are_cut_along_the_axes_on_which_they_disagree():

@@ -20,7 +20,7 @@ from dimersweep.parameters import Parameters
 from dimersweep.plots import draw
 from dimersweep.studies.border_files import read_borders
 from dimersweep.studies.declared import read_declaration
-from tests.checks.cubes import cube_of
+from tests.checks.cubes import cube_of, radii
 from tests.checks.data import DATA, data, is_told
 from tests.seams import no_work
 
@@ -41,9 +41,18 @@ def of_file(read):
     return read_changed
 
 
-def radius(values, **axes):
-    """A cube of drifts that have these radii."""
-    return cube_of(np.full(len(values), M_DRIFT), axes, radius=values)
+declared, borders = of_file(read_declaration), of_file(read_borders)
+
+
+def points(*lines):
+    """A declaration of points in these lines of a file."""
+    return declared("\n".join(['[sweep]\nperiods = 20\noutput = "points.nc"', *lines]))
+
+
+def table(*lines):
+    """A declaration of points that stand in these lines of another file."""
+    Path("table.csv").write_bytes("".join(f"{line}\n" for line in lines).encode("latin-1"))
+    return points("[points]", 'file = "table.csv"')
 
 
 # what the calls of the table are made of
@@ -52,7 +61,7 @@ WORDS = {
     "check_rtol": check_rtol, "check_count": check_count, "make_grid": make_grid, "sweep": sweep, "search": search,
     "refine": refine, "bifurcation": bifurcation, "attractors": attractors, "simulate": simulate, "orbits": orbits,
     "fit": fit, "Measured": Measured, "circle": circle, "plots": plots, "draw": draw, "open_cube": open_cube, "names": names,
-    "exponents": exponents, "radius": radius, "declared": of_file(read_declaration), "borders": of_file(read_borders),
+    "exponents": exponents, "radii": radii, "declared": declared, "borders": borders, "points": points, "table": table,
     "NESTED": reduce(lambda inner, _: [inner], range(5000), 1.0),
     "MANY": {"start": 0.1, "stop": 0.9, "num": 10_000},
     "AXES": {"f": [1, 3], "e": [0.5, 0.6], "beta0": [0.1, 0.2]},

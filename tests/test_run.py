@@ -22,6 +22,7 @@ from dimersweep.kernel.record import SEGMENT_HOP_TIME
 from dimersweep.runs import run as run_module
 from dimersweep.runs import solving
 from dimersweep.runs.recorded import events_of
+from tests.checks.scenes import SCALE, engine_states
 
 SHARED = Path(os.environ.get("DIMERSWEEP_SHARED", Path(__file__).parents[2] / "shared")) / "reference"
 REFERENCE = {name: SHARED / f"{name}.json" for name in ("states", "orbits")}
@@ -368,40 +369,24 @@ def test_a_planar_scene_stays_exactly_planar(more):
     assert not np.nan_to_num(run.events["slip_1_b"]).any()
 
 
-def against_reference(case, rtol, reference=None):
-    """Largest difference to the reference's samples in its own scales, and the times of the double impacts."""
-    samples = np.array(case["samples"])
-    run = simulate(**case["params"], periods=5, rtol=rtol)
-    columns = _reference_columns(run, samples[:, 0])
-    expected = samples[:, 1:] if reference is None else reference
-    scale = np.array(json.loads(REFERENCE["states"].read_text())["scale"])
-    double = np.char.startswith(run.events["kind"].values, "DI")
-    starts = run.events["time"].values[double]
-    return np.abs((columns - expected) / scale).max(), starts[np.diff(starts, prepend=-1.0) > 1e-12]
-
-
-def _reference_columns(run, times):
-    states = run.states(times)
-    coordinates = ("x1", "y1", "gap_1", "theta", "beta", "gamma")
-    return np.column_stack([states[name] for name in coordinates + tuple(f"{name}_rate" for name in coordinates)])
-
-
 @needs_reference
 @pytest.mark.parametrize("number", range(len(CASES)))
 def test_reference_runs(number):
-    case = CASES[number]
-    error, double_impacts = against_reference(case, 1e-10)
-    assert error < 1e-6
-    expected = case["t_double"]
-    np.testing.assert_allclose(double_impacts[: len(expected)], expected, rtol=0, atol=1e-7)
-    assert against_reference(case, 1e-8)[0] < 1e-4
+    samples, expected = np.array(CASES[number]["samples"]), CASES[number]["t_double"]
+    (states, double), (coarse, _) = (
+        engine_states(CASES[number]["params"], samples[:, 0], rtol) for rtol in (1e-10, 1e-8)
+    )
+    assert np.abs((states - samples[:, 1:]) / SCALE).max() < 1e-6
+    np.testing.assert_allclose(double[: len(expected)], expected, rtol=0, atol=1e-7)
+    assert np.abs((coarse - samples[:, 1:]) / SCALE).max() < 1e-4
 
 
 @needs_reference
 def test_the_reference_run_with_the_longest_chatter_has_converged():
     case = CASES[LONG_CHATTER]
-    finest = _reference_columns(simulate(**case["params"], periods=5, rtol=1e-12), np.array(case["samples"])[:, 0])
-    assert against_reference(case, 1e-10, finest)[0] < 1e-6
+    times = np.array(case["samples"])[:, 0]
+    fine, finest = (engine_states(case["params"], times, rtol)[0] for rtol in (1e-10, 1e-12))
+    assert np.abs((fine - finest) / SCALE).max() < 1e-6
 
 
 @needs_reference

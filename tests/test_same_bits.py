@@ -22,7 +22,7 @@ from dimersweep.studies.search import search
 from dimersweep.studies.status import status
 from dimersweep.studies.sweep import study_of
 from tests.fakes import points_on_disk, run_tile
-from tests.seams import set_pace
+from tests.seams import set_chunks, set_pace
 from tests.sweeper import GRID, MAKERS, SEARCH, SEARCHED, SETTINGS, SMALL_MAP
 
 ROOT = Path(__file__).parents[1]
@@ -76,7 +76,7 @@ def test_threads_and_tilings(serial, monkeypatch, tmp_path, length):
 
 def test_zarr(serial, tmp_path, monkeypatch):
     pytest.importorskip("zarr")
-    monkeypatch.setattr("dimersweep.storage.blocks.CHUNK_POINTS", 130)
+    set_chunks(monkeypatch, 130)
     assert_same(swept(out=tmp_path / "cube.zarr"), serial)
     assert os.listdir(tmp_path) == ["cube.zarr"]
 

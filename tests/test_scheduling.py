@@ -11,7 +11,7 @@ from typing import NamedTuple
 import dask
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import dimersweep
@@ -36,7 +36,7 @@ from dimersweep.work.scheduling import IN_FLIGHT, Pool, run_tasks
 from dimersweep.work.stopping import StopFlag
 from dimersweep.work.tiles import Made, attempt
 from tests.fakes import CODE, points_on_disk, raising
-from tests.seams import SteadyPace, set_pace, use_kernel
+from tests.seams import SteadyPace, set_clock, set_pace, use_kernel
 
 SPEC = study_of({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 
@@ -51,8 +51,12 @@ ranges = st.lists(st.tuples(st.integers(0, 60), st.integers(1, 9)), max_size=8).
 
 
 @given(ranges)
+@example([Tile(0, 70)])
+@example([Tile(60, 70), Tile(0, 1)])
 def test_gaps_are_what_no_tile_covers(done):
-    assert points_of(gaps(70, done)) == sorted(set(range(70)) - set(points_of(done)))
+    found = list(gaps(70, done))
+    assert all(start < stop for start, stop in found)
+    assert points_of(found) == sorted(set(range(70)) - set(points_of(done)))
 
 
 @given(ranges, st.integers(1, 12))
@@ -102,7 +106,7 @@ def slow_points(rows, periods, rtol, settle, out, codes, until=0, space=None):
 
 def test_a_task_that_meets_slow_points_comes_back_with_what_it_has(monkeypatch):
     use_kernel(monkeypatch, slow_points)
-    monkeypatch.setattr("dimersweep.work.tiles.perf_counter", lambda: CLOCK[0])
+    set_clock(monkeypatch, lambda: CLOCK[0])
     made = attempt(SPEC, np.arange(240))
     assert made.seconds <= tiles.OVERTIME * tiles.TILE_SECONDS + 0.05
     assert 30 < len(made.results) < 60

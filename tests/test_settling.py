@@ -6,8 +6,11 @@ import pytest
 import dimersweep
 from dimersweep import orbits, simulate
 from dimersweep.cubes.cube import names
+from tests.checks.data import data
+from tests.checks.verdicts import strobes_of
 
 pytestmark = pytest.mark.jit
+MOTIONS = data("scenes")["motions"]
 DRIFTING = [{"A_r": 5.0, "beta0": 0.3386, "xdot0": xdot0} for xdot0 in (2.5, 3.0)]
 
 
@@ -16,19 +19,8 @@ def drifting(request):
     return simulate(**request.param, periods=400)
 
 
-def strobes(run):
-    """Gaps and gap rates at the ends of the periods in units of g and omega, and the spin [rad/s]."""
-    f, g = run.parameters["f"], run.parameters["g"]
-    omega = 2 * np.pi * f
-    states = run.states(np.arange(1, run.n_periods + 1) / f)
-    gaps = [states[name].values * omega**2 / g for name in ("gap_1", "gap_2")]
-    rates = [states[name].values * omega / g for name in ("gap_1_rate", "gap_2_rate")]
-    spin = states["gamma_rate"].values + states["theta_rate"].values * np.sin(states["beta"].values)
-    return np.column_stack([*gaps, *rates]), spin
-
-
 def test_a_drift_whose_spin_drifts_slowly_is_a_drift(drifting):
-    x, _ = strobes(drifting)
+    x, _ = strobes_of(drifting)
     late = slice(100, None)
     change = np.abs(np.diff(x, axis=0)).max(axis=1)
     assert (change[late] > 1e-4).all()  # by its strobes alone it would not have settled
@@ -54,7 +46,7 @@ def test_the_slow_drift_is_the_change_of_the_spin():
 def test_the_slow_drift_of_a_motion_that_is_no_drift():
     run = simulate(Gamma=1.2, beta0=0.8, periods=100)
     assert run.mode == "jump"
-    _, spin = strobes(run)
+    _, spin = strobes_of(run)
     span = 24 // run.mode_period * run.mode_period
     assert run.spin_drift == pytest.approx((spin[-1] - spin[-1 - span]) / span, rel=1e-6, abs=1e-10)
     assert np.isnan(simulate(Gamma=0.5, periods=100, record=False).spin_drift)
@@ -69,7 +61,7 @@ def test_a_drift_whose_heading_is_driven_is_a_drift():
     assert run.mode == "drift"
     assert run.mode_period == 1
     assert run.settled_after < 50
-    x, _ = strobes(run)
+    x, _ = strobes_of(run)
     heading = run.section()["theta"].values[1:]
     late = slice(100, None)
     change = np.abs(np.diff(x, axis=0)).max(axis=1)
@@ -94,7 +86,7 @@ def test_a_fast_part_that_falls_is_foreseen():
     """At 60 periods the strobes have not repeated for 24 of them, but fall tenfold in 10; at 400 they are the same drift."""
     scene = {"e": 0.7, "beta0": np.radians(42), "rtol": 1e-6}
     early = simulate(**scene, periods=60)
-    x, _ = strobes(early)
+    x, _ = strobes_of(early)
     change = np.abs(np.diff(x, axis=0)).max(axis=1)
     assert change[33] > 1e-4 > change[-1]
     late = simulate(**scene, periods=400, record=False)
@@ -102,21 +94,9 @@ def test_a_fast_part_that_falls_is_foreseen():
     assert early.orbit.radius == pytest.approx(late.orbit.radius, rel=1e-3)
 
 
-SPIRALS = {
-    "e": 0.8706502253165858,
-    "Gamma": 0.8589557329585741,
-    "f": 14.410795255447105,
-    "A_r": 4.274531930838366,
-    "mu": 0.23039298061938446,
-    "mu_s": 0.2750809210437879,
-    "beta0": 0.7012270466932967,
-    "xdot0": 0.3616331296229325,
-}
-
-
 def test_a_drift_that_spirals_in_is_no_motion_of_three_periods():
     """Its fast part turns by a third with each period, so it comes near itself after three of them before it does after one."""
-    run, seen = simulate(**SPIRALS, periods=50, record=False), set()
+    run, seen = simulate(**MOTIONS["spirals in"], periods=50, record=False), set()
     while run.mode != "drift":
         seen.add(run.mode)
         run = run.go_on(1)
@@ -171,26 +151,12 @@ def test_a_cube_tells_the_slow_drift_and_the_hops():
 # --- the numbers of a run that stops --------------------------------------------------------------------------------------
 
 WITHIN = 1e-3  # how far they may be from those of the periods asked for (docs/stopping.md)
-STRAIGHTENS = {  # its mode stands after 117 periods; its path bends less and less
-    "r": 7.349e-3,
-    "A_r": 8.2046,
-    "f": 63.702,
-    "e": 0.70744,
-    "mu": 0.05213,
-    "mu_s": 0.22302,
-    "Gamma": 0.74303,
-    "phi0": 3.93796,
-    "beta0": 1.44462,
-    "xdot0": -2.54057,
-    "rho_r": 615.7,
-    "rho_b": 4861.9,
-    "D_r": 7.157e-3,
-}
 
 
 def test_a_path_that_bends_less_and_less_is_followed_until_its_radius_stands():
     stopped, full = (
-        simulate(**STRAIGHTENS, periods=300, record=False, stop_when_settled=settle) for settle in (True, False)
+        simulate(**MOTIONS["straightens"], periods=300, record=False, stop_when_settled=settle)
+        for settle in (True, False)
     )
     assert stopped.mode == full.mode == "drift"
     assert stopped.orbit.radius == pytest.approx(full.orbit.radius, rel=WITHIN)

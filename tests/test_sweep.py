@@ -6,6 +6,7 @@ import pickle
 import re
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from dimersweep.kernel.model.layout import (
     M_UNRESOLVED,
     MODES,
     OK,
+    OUT,
     ROW_BETA0,
 )
 from dimersweep.storage.provenance import OURS
@@ -35,10 +37,10 @@ from dimersweep.studies.search import search
 from dimersweep.studies.sweep import study_of
 from dimersweep.work import proving
 from dimersweep.work.progress import Tally, in_lines
-from dimersweep.work.proving import proof
+from dimersweep.work.proving import CLOSE, SCENES, outcomes, proof
 from dimersweep.work.scheduling import TASK_POINTS, Pace
 from tests.fakes import failing, fake_run_many, raising, run_tile
-from tests.seams import no_work, set_pace, use_kernel
+from tests.seams import no_work, prove_with, set_pace, use_kernel
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
 
@@ -197,8 +199,7 @@ def test_many_threads_prove_the_kernel_once(monkeypatch):
         time.sleep(0.05)
         return run_many(*arguments)
 
-    monkeypatch.setattr("dimersweep.work.proving.run_many", slow)
-    proof.cache_clear()
+    prove_with(monkeypatch, slow)
     together = [threading.Thread(target=proving.prove) for _ in range(20)]
     for thread in together:
         thread.start()
@@ -216,9 +217,8 @@ def test_many_threads_prove_the_kernel_once(monkeypatch):
     ],
 )
 def test_a_kernel_that_does_not_work_ends_the_sweep_before_any_point(monkeypatch, tmp_path, kernel, told):
-    monkeypatch.setattr("dimersweep.work.proving.run_many", kernel)
+    prove_with(monkeypatch, kernel)
     no_work(monkeypatch)
-    proof.cache_clear()
     with pytest.raises(KernelError, match=f"^{re.escape(told)}$"):
         quiet_sweep(out=tmp_path / "cube.nc")
     assert list(tmp_path.iterdir()) == []
@@ -370,3 +370,22 @@ def test_a_log_gets_plain_lines(capsys, monkeypatch):
     assert (
         capsys.readouterr().err == "4/4 points, 100 %, elapsed 0:00:00, left 0:00:00: drift 2, rest 1, unresolved 1\n"
     )
+
+
+# --- the known scenes with which a process begins -----------------------------------------------------------------------
+
+
+def test_the_known_scenes_warn_of_nothing():
+    """A change of any number of theirs by more than 1e-4 of itself, also on purpose, has to be written there."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        proof.__wrapped__()
+
+
+def test_each_number_of_a_known_scene_is_compared():
+    out, codes = outcomes()
+    for scene, numbers, code in zip(SCENES, out, codes, strict=True):
+        assert MODES[code[CODES.index("mode")]] == scene.mode
+        for name, known in scene.numbers.items():
+            np.testing.assert_allclose(numbers[OUT.index(name)], known, rtol=CLOSE)
+    assert CLOSE <= 1e-4

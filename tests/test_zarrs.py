@@ -17,7 +17,7 @@ import dimersweep
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.storage.blocks import blocks, chunk_shape
 from dimersweep.studies.status import status
-from tests.seams import no_work
+from tests.seams import no_work, set_chunks
 
 pytest.importorskip("zarr")
 SMALL = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 8, "step": 1, "unit": "deg"}}  # a chunk for each f
@@ -27,7 +27,7 @@ GRID = {"f": [15, 20, 25], "A_r": [5, 6], "beta0": {"start": 1, "stop": 11, "ste
 @pytest.fixture(autouse=True)
 def in_an_empty_folder(tmp_path, monkeypatch, fake_kernel):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("dimersweep.storage.blocks.CHUNK_POINTS", 8)
+    set_chunks(monkeypatch, 8)
 
 
 def sweep(grid=GRID, **settings):

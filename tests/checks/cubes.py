@@ -4,7 +4,7 @@ import numpy as np
 
 from dimersweep.cubes.cube import blank, build
 from dimersweep.cubes.grid import make_grid
-from dimersweep.kernel.model.layout import CODES, OUT
+from dimersweep.kernel.model.layout import CODES, M_DRIFT, OUT
 
 
 def built(grid, modes, **columns):
@@ -22,3 +22,8 @@ def built(grid, modes, **columns):
 def cube_of(modes, axes, fixed=None, **columns):
     """The cube over axes with these modes."""
     return built(make_grid(axes, fixed or {}), modes, **columns)
+
+
+def radii(values, modes=None, **axes):
+    """The cube over axes of drifts with these radii, or of other modes."""
+    return cube_of(np.full(np.size(values), M_DRIFT) if modes is None else modes, axes, radius=values)

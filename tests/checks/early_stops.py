@@ -12,6 +12,7 @@ from dimersweep.kernel.verdict.classify import STRAIGHT
 from dimersweep.kernel.verdict.settling import SLOW_SPEED
 from dimersweep.parameters import fill_rows
 from dimersweep.symbols import BASE
+from tests.checks.data import data
 from tests.checks.random_scenes import BLOCK, rows_of
 
 WITHIN = 1e-3  # how far a number of a stopped run may be from that of the whole one (docs/stopping.md)
@@ -19,21 +20,6 @@ WORDS = ("status", "mode", "mode_period", "di_end", "track")
 ITS_OWN = ("n_events", "n_periods", "change_ahead")  # what a stopped run has no less rightly than the whole one
 NUMBERS = tuple(name for name in OUT if name not in ITS_OWN)
 FAMILIES = ("around the paper's", "unlike ends", "level plate", "whole model")
-DRIFTING = {  # around the paper's, where many drift; mu_s is given over mu, D_r over the least radius
-    "r": (2e-3, 10e-3),
-    "A_r": (4.0, 8.0),
-    "f": (12.0, 70.0),
-    "e": (0.45, 0.85),
-    "mu": (0.03, 0.35),
-    "mu_s": (1.0, 4.0),
-    "Gamma": (0.5, 1.3),
-    "phi0": (0.0, 6.28),
-    "beta0": (0.05, 1.5),
-    "xdot0": (-3.0, 3.0),
-    "rho_r": (300.0, 3000.0),
-    "rho_b": (1000.0, 8000.0),
-    "D_r": (0.2, 1.0),
-}
 UNLIKE = {"r": (0.8, 1.25), "rho_b": (0.5, 2.0), "mu": (0.7, 1.4), "e": (0.9, 1.1)}  # value of p2 over that of p1
 SPEEDS = ("speed", "path_speed", "centre_velocity_x", "centre_velocity_y")
 INVERSE = ("radius", "path_radius", "period")  # none where a path is straight: what counts is the bend
@@ -44,7 +30,7 @@ ABSOLUTE += ("settled_after",)
 def around_the_papers(n, seed, unlike):
     """Rows of scenes in which many drift, their ends alike or not."""
     rng = np.random.default_rng(seed)
-    columns = {name: rng.uniform(*ends, n) for name, ends in DRIFTING.items()}
+    columns = {name: rng.uniform(*ends, n) for name, ends in data("scenes")["drifting"].items()}
     columns["mu_s"] *= columns["mu"]
     least = columns["r"]
     if unlike:

@@ -1,9 +1,9 @@
-"""Exponential, logarithm, powers and arctangent: against 50 digits, at their borders, and beyond them."""
+"""Exponential, logarithm, powers, arctangent, sine and cosine: against 40 digits or more, at their borders, and beyond them."""
 
 import pickle
 import struct
 import sys
-from math import atan2, copysign, inf, isnan, nan
+from math import atan2, copysign, inf, isnan, nan, nextafter, pi
 
 import mpmath
 import numpy as np
@@ -19,6 +19,7 @@ from dimersweep.parameters import Parameters
 from dimersweep.runs.period_map import Section
 from dimersweep.work.proving import outcomes
 from tests.checks import verbs
+from tests.checks.verbs import sincos
 
 UNITS = 1.3  # greatest error, in units in the last place
 EXPONENTS = [1 / 15, 1 / 14, 0.2, 1 / 3, 0.4, 0.5, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 6.0]  # as the kernel has
@@ -144,3 +145,41 @@ def test_functions_that_a_kernel_links_have_no_name():
         names = [name for name, section, kind in symbols(code) if section and kind == function]
         assert names
         assert all(f"{len(kernel)}{kernel}" in name for name in names), names
+
+
+# --- sine and cosine at once ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-9, 1e-3, 0.8, 10.0, 1e3, 1e5])
+def test_both_are_right_to_rounding(size):
+    rng = np.random.default_rng(5)
+    whole = (pi / 4) * np.arange(-20.0, 21.0)
+    angles = np.concatenate([size * rng.uniform(-1, 1, 300), whole[abs(whole) <= size], [size, -size]])
+    with mpmath.workdps(40):
+        for x in angles:
+            exact = [float(mpmath.sin(mpmath.mpf(x))), float(mpmath.cos(mpmath.mpf(x)))]
+            for told, true in zip(sincos(x), exact, strict=True):
+                # next to a zero the error is that of the angle, reduced by a pi of 86 bits
+                assert abs(told - true) <= 1.5 * np.spacing(abs(true)) + 1e-26 * max(1.0, abs(x))
+
+
+def test_opposite_angles_have_the_same_digits():
+    for x in np.random.default_rng(6).uniform(0, 50, 1000):
+        s, c = sincos(x)
+        assert sincos(-x) == (-s, c)
+
+
+@pytest.mark.parametrize("x", [nextafter(1e5, inf), -3e7, 2e15, 1e300])
+def test_large_angles_are_right_within_what_rounds_them(x):
+    with mpmath.workdps(400):
+        true = mpmath.mpf(x)
+        s, c = sincos(x)
+        told = mpmath.atan2(mpmath.mpf(s), mpmath.mpf(c))
+        off = abs(mpmath.fmod(true - told + mpmath.pi, 2 * mpmath.pi) - mpmath.pi)
+        assert min(off, 2 * mpmath.pi - off) <= 0.5 * np.spacing(abs(x)) + 4e-16
+    assert sincos(-x) == (-s, c)
+
+
+@pytest.mark.parametrize("x", [inf, -inf, nan])
+def test_no_angle_gives_no_number(x):
+    assert all(map(isnan, sincos(x)))

@@ -11,10 +11,13 @@ from dimersweep.kernel import batch
 from dimersweep.kernel.compiler.records import record_type
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, new_workspace
 from dimersweep.kernel.model import layout
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
 from dimersweep.kernel.model.event_row import E_A1, E_CAUSE, E_N1, E_P1, EVENT
 from dimersweep.kernel.model.layout import CODES, MODES, N_CODES, N_OUT, OUT, ROW, STATUS_MESSAGES, STATUSES
+from dimersweep.parameters import Parameters, fill_rows
 from tests.checks.data import data
+from tests.checks.random_scenes import near
 from tests.checks.verbs import row_of
 
 CODE = {name: k for k, name in enumerate(CODES)}
@@ -73,15 +76,6 @@ def test_on_a_dead_plate_everything_comes_to_rest(params):
     assert levels[-1] < levels[0]
     end = states.isel(time=-1)
     assert end["gap_1"] == end["gap_2"] == end["beta_rate"] == 0
-
-
-@pytest.mark.jit
-@pytest.mark.parametrize("beta0", [0.3, 1.0])
-def test_elastic_bounces_on_a_dead_plate_keep_the_energy(beta0):
-    run = simulate(e=1, mu=0, mu_s=0, Gamma=0, beta0=beta0, periods=1000, rtol=1e-11)
-    assert run.status == "ok"
-    levels = energy(run.states(np.linspace(0, 1000 / 15, 4001)))
-    assert np.abs(levels / levels[0] - 1).max() < 1e-9
 
 
 @pytest.mark.jit
@@ -149,16 +143,8 @@ def test_a_run_that_dies_is_the_same_whether_or_not_its_last_period_is_followed_
 @pytest.mark.jit
 def test_a_jump_whose_hops_last_half_a_period_is_a_jump():
     """One end flies for just more than half a period and the other one for just less, until both do the latter."""
-    scene = {
-        "e": 0.43666791,
-        "Gamma": 1.3599968,
-        "f": 30.1375785,
-        "A_r": 3.0675756,
-        "mu": 0.07927583,
-        "mu_s": 0.12145898,
-    }
-    start = {"beta0": 1.4720877, "xdot0": 2.1342955}
-    runs = [simulate(**scene, **start, periods=periods, record=False) for periods in (32, 40, 60)]
+    scene = data("scenes")["motions"]["hops for half a period"]
+    runs = [simulate(**scene, periods=periods, record=False) for periods in (32, 40, 60)]
     assert [run.mode for run in runs] == ["jump"] * 3
     assert runs[0].down_share_2 < 0.6
     assert runs[2].down_share_2 == 1.0
@@ -222,20 +208,7 @@ def test_the_drift_of_the_base_case_does_not_depend_on_the_accuracy():
     np.testing.assert_allclose(radii, 4.2447, rtol=2e-4)
 
 
-@pytest.mark.parametrize(
-    "params",
-    [
-        {"e": 0.0},
-        {"mu": 0.3, "mu_s": 0.3},
-        {"phi0": 2.5},
-        {"A_r": 2.0},
-        {"beta0": 1.55},
-        {"xdot0": 0.0},
-        {"Gamma": 0.0},
-        {"mu": 0.0, "mu_s": 0.0},
-        {"e_1": 0.9, "e_2": 0.1},
-    ],
-)
+@pytest.mark.parametrize("params", data("scenes")["corners"]["scenes"])
 def test_corners_of_the_parameters_run_to_their_end(params):
     run = simulate(**params, periods=4)
     assert (run.status, run.n_periods) == ("ok", 4)
@@ -258,31 +231,16 @@ def test_large_friction_gives_an_answer_and_not_a_hang(params):
 @pytest.mark.jit
 @pytest.mark.parametrize("kind", ["any", "equal coefficients", "no restitution", "smooth", "planar", "elastic"])
 def test_random_scenes_run_to_their_end(kind):
-    rng = np.random.default_rng(13)
-    rows = []
-    for _ in range(60):
-        mu = rng.uniform(0.02, 0.7)
-        params = {
-            "e": rng.uniform(0.1, 0.95),
-            "Gamma": rng.uniform(0, 2.5),
-            "f": rng.uniform(8, 60),
-            "A_r": rng.uniform(2, 9),
-            "mu": mu,
-            "mu_s": mu * rng.choice([1.3, 2]),
-            "beta0": rng.uniform(0, 1.5),
-            "xdot0": rng.choice([0.1, 1, 3]),
-            "phi0": rng.uniform(0, 2 * pi),
-        }
-        params |= {
-            "any": {},
-            "equal coefficients": {"mu_s": mu},
-            "no restitution": {"e": 0.0},
-            "smooth": {"mu": 0.0, "mu_s": 0.0},
-            "planar": {"xdot0": 0.0},
-            "elastic": {"e": 1.0, "mu": 0.0, "mu_s": 0.0},
-        }[kind]
-        rows.append(row_of(**params))
-    _, codes = outcome(np.array(rows), 20)
+    columns, zero = near(np.random.default_rng(13), 60), np.zeros(60)
+    change = {
+        "any": {},
+        "equal coefficients": {"mu_s": columns["mu"]},
+        "no restitution": {"e": zero},
+        "smooth": {"mu": zero, "mu_s": zero},
+        "planar": {"xdot0": zero},
+        "elastic": {"e": zero + 1.0, "mu": zero, "mu_s": zero},
+    }[kind]
+    _, codes = outcome(fill_rows(columns | change, 60), 20)
     failed = [(k, STATUSES[code]) for k, code in enumerate(codes[:, CODE["status"]]) if code != layout.OK]
     assert not failed
 
@@ -372,3 +330,55 @@ def test_a_run_can_be_stopped_from_another_thread(changes):
     assert made == 0 and batch.is_stopped(space)
     assert (STATUSES[codes[0, CODE["status"]]], MODES[codes[0, CODE["mode"]]]) == ("stopped", "failed")
     assert codes[0, CODE["n_periods"]] > 0 and codes[1].tolist() == [0] * N_CODES
+
+
+# --- a dimer that lands flat, and one that was always slow ---------------------------------------------------------------
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-11, 1e-12])
+def test_flat_landing(rtol):
+    """It leaves flat, with the restitution of a single ball."""
+    e = 0.54
+    events = simulate(e=e, Gamma=1.28, f=16.07, A_r=4.78, beta0=0.13, periods=4, rtol=rtol).events
+    first = np.flatnonzero(events["time"].values * 16.07 > 3.5)[0]  # it has rested flat, and the plate has thrown it
+    last = np.flatnonzero(events["time"].values == events["time"].values[first])[-1]
+    for end in ("gap_1_rate", "gap_2_rate"):
+        out, into = events[f"{end}_after"].values[last], events[f"{end}_before"].values[first]
+        assert out == pytest.approx(-e * into, rel=1e-6)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("xdot0", [0.0, 0.3])
+@pytest.mark.parametrize("rtol", [1e-6, 1e-8, 1e-11])
+def test_a_flat_dimer_stays_flat(xdot0, rtol):
+    """Its ends move alike to the last digit, through bounces, chatter and the slip of both."""
+    run = simulate(e=0.6, Gamma=1.2, phi0=1.0, beta0=0.0, xdot0=xdot0, periods=10, rtol=rtol)
+    assert run.status == "ok"
+    assert not run.events["beta"].values.any()
+    rates = [run.events[f"gap_{end}_rate_after"].values for end in (1, 2)]
+    np.testing.assert_allclose(*rates, rtol=1e-15)
+
+
+ENDS = {"e_1": 0.5, "e_2": 0.8, "r_1": 5e-3, "r_2": 5.2e-3, "mu": 0.2, "mu_s": 0.2, "Gamma": 0.0}
+LEVEL = float(dimer_of(Parameters(**ENDS).row()).beta_0)
+AFTER = ("gap_1_rate_after", "gap_2_rate_after", "slip_1_a", "slip_1_b", "slip_2_b")
+
+
+def first_impact(gap0, beta0, rtol):
+    """Velocities after the first impact of a drop from `gap0`, with a slip that goes with it, over that of the landing."""
+    v = np.sqrt(2 * 9.81 * gap0)
+    events = simulate(**ENDS, gap0=gap0, beta0=beta0, xdot0=1.3 * v, ydot0=-0.4 * v, periods=1, rtol=rtol).events
+    impacts = np.flatnonzero(events["cause"].values == "impact")
+    times = events["time"].values[impacts]
+    last = impacts[times == times[0]][-1]
+    return np.array([events[name].values[last] for name in AFTER]) / v
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("beta0", [LEVEL, 0.4], ids=["both ends", "one end"])
+@pytest.mark.parametrize("gap0", [1e-6, 1e-10, 1e-14])
+def test_an_impact_of_a_motion_that_was_always_slow_is_as_exact_as_any(gap0, beta0):
+    """The law of impact knows no speed: all velocities after it grow in proportion to those before."""
+    exact = first_impact(1e-6, beta0, 1e-12)
+    np.testing.assert_allclose(first_impact(gap0, beta0, 1e-9), exact, rtol=0, atol=2e-10)

@@ -40,6 +40,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from tests import oracle
+from tests.checks.data import data
 from tests.checks.examine import examine, kinetic, lies, states_at
 from tests.checks.launch import launch
 from tests.checks.scenes import difference, engine_states
@@ -423,17 +424,10 @@ def test_a_spinning_top_on_a_smooth_plate_passes_near_the_vertical(rtol):
     assert run.look()["dip"] > 1.55
 
 
-TIPPING = {
-    "e": 0.690847780908484, "Gamma": 0.9411319351172492, "f": 5.359378116770434, "A_r": 5.446285925871992,
-    "mu": 0.5269593998604105, "mu_s": 0.6323512798324926, "beta0": 1.2774796841608846, "xdot0": 0.0,
-    "phi0": 0.993186120089444,
-}  # fmt: skip
-
-
 @accuracies
 def test_a_planar_rod_tips_over_the_vertical(rtol):
     """Standing on p1 it passes pi/2: the chart ends there, and p2 comes down on the other side."""
-    honest(rtol, 6, **TIPPING)
+    honest(rtol, 6, **data("scenes")["motions"]["tips over"])
 
 
 @accuracies

@@ -9,29 +9,11 @@ from dimersweep.kernel.compiler.records import record_type
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE, PERIOD, SPIN
 from dimersweep.kernel.verdict import past as pasts
 from dimersweep.kernel.verdict import settling
+from tests.checks.data import data
 from tests.checks.verbs import dimer
 from tests.checks.verdicts import LONGEST_PERIOD, WINDOW, Course, verdict
 
-NAMES = ("Gamma", "f", "A_r", "mu_1", "mu_2", "mu_s_1", "mu_s_2", "beta0", "xdot0", "e_1", "e_2", "phi0")
-# unlike ends; what is told of each, with p1 or p2 as the end that stays down
-SCENES = {
-    "drift sk_sk, p1": (0.807, 39.438, 5.671, 0.3, 0.6, 0.3, 0.6, 0.395, -0.5, 0.531, 0.677, 2.013),
-    "drift sk_sk, p2": (0.69, 19.676, 6.42, 0.6, 0.6, 0.6, 0.6, -0.88, -0.5, 0.782, 0.475, 0.649),
-    "drift sk_sp, p1": (1.043, 12.143, 7.098, 0.3, 0.6, 0.6, 1.2, 0.755, -1.5, 0.797, 0.769, 3.123),
-    "drift sk_sp, p2": (1.099, 15.064, 6.381, 0.3, 0.3, 0.3, 0.3, -0.036, -0.5, 0.714, 0.632, 6.02),
-    "drift sp_sk, p1": (1.099, 26.537, 5.687, 0.3, 0.3, 0.6, 0.3, 0.179, -1.5, 0.55, 0.592, 5.426),
-    "drift sp_sk, p2": (1.074, 23.548, 5.351, 0.3, 0.3, 0.3, 0.3, -0.85, 1.5, 0.732, 0.578, 3.119),
-    "drift sp_sp, p1": (1.035, 13.626, 5.589, 0.1, 0.1, 0.2, 0.1, 0.261, 1.5, 0.576, 0.764, 2.068),
-    "drift sp_sp, p2": (1.063, 28.115, 6.143, 0.3, 0.1, 0.6, 0.2, -0.687, -1.5, 0.546, 0.699, 4.949),
-    "drift in a plane": (0.81, 22.501, 7.368, 0.3, 0.03, 0.3, 0.03, -0.364, 0.0, 0.756, 0.645, 0.985),
-    "flutter 2": (1.392, 38.119, 4.588, 0.6, 0.6, 1.2, 0.6, 0.319, 0.0, 0.464, 0.582, 1.163),
-    "flutter 3": (1.343, 38.656, 7.116, 0.6, 0.6, 0.6, 0.6, -0.461, 0.0, 0.533, 0.686, 5.244),
-    "jump 1": (1.163, 29.003, 4.461, 0.6, 0.3, 0.6, 0.6, -0.227, -1.5, 0.588, 0.629, 4.052),
-    "jump 2": (1.429, 18.067, 4.27, 0.3, 0.1, 0.3, 0.1, 0.592, -0.5, 0.507, 0.641, 0.807),
-    "period_n 1": (1.278, 17.396, 6.988, 0.1, 0.6, 0.1, 1.2, -0.577, -1.5, 0.511, 0.7, 2.869),
-    "period_n 2": (1.066, 14.348, 5.42, 0.3, 0.6, 0.6, 0.6, -0.254, 0.5, 0.797, 0.763, 3.626),
-    "period_n 8": (1.398, 26.897, 6.82, 0.3, 0.3, 0.3, 0.6, -0.232, 0.0, 0.649, 0.755, 5.182),
-}
+SCENES = data("scenes")["verdicts"]
 
 
 def numbers_of(run):
@@ -42,7 +24,7 @@ def numbers_of(run):
 @pytest.mark.jit
 @pytest.mark.parametrize("name", SCENES)
 def test_the_verdict_is_that_of_the_whole_record(name):
-    run = simulate(**dict(zip(NAMES, SCENES[name], strict=True)), periods=90)
+    run = simulate(**SCENES[name], periods=90)
     expected, told = verdict(run), numbers_of(run)
     mode, what = name.split()[:2]
     assert expected["mode"] == mode
@@ -59,7 +41,7 @@ def test_the_verdict_is_that_of_the_whole_record(name):
 @pytest.mark.jit
 @pytest.mark.parametrize("periods", [26, 31, 60])
 def test_the_verdict_on_a_short_run_is_that_of_its_record(periods):
-    run = simulate(**dict(zip(NAMES, SCENES["drift sp_sp, p2"], strict=True)), periods=periods)
+    run = simulate(**SCENES["drift sp_sp, p2"], periods=periods)
     told = numbers_of(run)
     for key, value in verdict(run).items():
         wanted = value if isinstance(value, str) else pytest.approx(value, rel=1e-7, abs=1e-9)

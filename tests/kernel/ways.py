@@ -14,19 +14,9 @@ from dimersweep.kernel.compiler.ways import way
 from dimersweep.kernel.model.layout import CODES, N_STATE, PHASE, State
 from dimersweep.kernel.record import new_record, rows_of
 from dimersweep.parameters import Parameters
+from tests.checks.data import data
 
 RTOL = 1e-8
-SCENES = (  # what is not named is the paper's base case
-    {},
-    {"mu": 0.05, "mu_s": 0.1},
-    {"Gamma": 0.5},
-    {"e": 0.54, "Gamma": 1.28, "f": 16.07, "A_r": 4.78, "beta0": 0.13},
-    {"e": 0.49, "Gamma": 1.42, "f": 16.53, "A_r": 7.31, "beta0": 0.55},
-    {"Gamma": 2.0},
-    {"mu": 0.0, "mu_s": 0.0},
-    {"xdot0": 0.0},
-    {"beta0": 1.4, "Gamma": 0.3},
-)
 SPEEDS = dict.fromkeys(("n1", "n2", "ca", "cb"), 0.1)
 SCALE = State(*[1.0] * N_STATE)._replace(d1=0.01, d2=0.01, **SPEEDS, wb=10.0, wp=10.0, spin=100.0)  # SI units
 
@@ -43,7 +33,7 @@ def last_state(row, periods):
 
 def answers(periods=200, few=4):
     """Integer outcomes of the scenes, shape (n, N_CODES), and states after `few` periods, shape (n, N_STATE)."""
-    rows = np.array([Parameters(**scene).row() for scene in SCENES])
+    rows = np.array([Parameters(**scene).row() for scene in data("scenes")["ways"]["scenes"]])
     out, codes = blank(len(rows))
     run_many(rows, periods, RTOL, True, out, codes)
     return codes[:, : CODES.index("n_events")], np.array([last_state(row, few) for row in rows])
