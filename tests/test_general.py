@@ -46,20 +46,9 @@ def test_runs_of_another_program(number, rtol):
 
 # --- symmetries -------------------------------------------------------------------------------------------------------
 
-PARTS = {
-    "r_1": 5.5e-3, "r_2": 4.2e-3, "rho_b_1": 4000.0, "rho_b_2": 7000.0, "e_1": 0.55, "e_2": 0.7, "mu_1": 0.15, "mu_2": 0.3,
-    "mu_s_1": 0.25, "mu_s_2": 0.4, "mu_h_1": 0.3, "mu_h_2": 0.35, "l": 0.045,
-}  # fmt: skip
-UNLIKE = PARTS | {"eta": 1.3, "k_ratio": 1.7}
-SIDEWAYS = {"tilt": 0.03, "azimuth": 2.0, "Gamma_x": 0.1, "phi_x": 1.0, "Gamma_y": 0.2, "phi_y": 0.3}
-SCENES = {
-    "walk": {"beta0": 0.3, "Gamma": 0.9},
-    "sideways": {"beta0": 0.3, "Gamma": 0.6} | SIDEWAYS,
-    "flat": {"beta0": 0.06, "Gamma": 0.4, "Gamma_x": 0.05},
-    "p2 down": {"beta0": -0.5, "Gamma": 0.8, "xdot0": 0.2, "e_2": 0.3, "mu_h_2": 2.0} | SIDEWAYS,
-    "held": {"beta0": -0.02, "Gamma": 0.7, "xdot0": 0.01, "e_1": 0.2, "e_2": 0.1, "mu_h_1": 2.0, "mu_h_2": 2.0}
-    | SIDEWAYS,
-}
+GENERAL = data("scenes")["general"]
+PARTS, SCENES = GENERAL["parts"], GENERAL["scenes"]
+UNLIKE = PARTS | GENERAL["contacts"]
 scenes = pytest.mark.parametrize("name", SCENES)
 INSTANTS = np.linspace(0.0, 4 / 15, 81)
 

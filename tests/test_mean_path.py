@@ -7,13 +7,7 @@ from scipy.optimize import least_squares
 from dimersweep import orbits, simulate, sweep
 from tests.checks.data import data
 
-# zeta far from a right angle, turning either way, down on the other end; unlike balls; a spiral
-CIRCLES = [
-    {"xdot0": 0.1},
-    {"xdot0": -0.3, "e": 0.66, "mu": 0.3, "mu_s": 0.6},
-    {"xdot0": 0.2, "beta0": -0.28},
-    {"xdot0": 1.5, "r_1": 5e-3, "r_2": 5.01e-3},
-]
+CIRCLES = data("scenes")["circles"]["scenes"]
 SPIRAL = {"mu": 0.05, "mu_s": 0.1}
 
 

@@ -11,15 +11,9 @@ from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import Parameters, value_of
 from dimersweep.studies.sweep import study_of
 from dimersweep.symbols import BASE, ENDS, LEFT_OUT, PARAMETERS, Quantity, conditions, given, stated, symbol
+from tests.checks.data import data
 
 jit = pytest.mark.jit
-SCENES = [
-    {},
-    {"Gamma": 0.5, "e": 0.4},
-    {"Gamma": 1.7, "A_r": 4.0, "beta0": 0.6},
-    {"e": 0.54, "Gamma": 1.28, "f": 16.07, "A_r": 4.78, "beta0": 0.13, "phi0": 2.0},
-    {"mu": 0.6, "mu_s": 1.2, "Gamma": 0.8, "xdot0": 2.0},
-]
 
 
 def test_every_parameter_has_a_value_where_it_is_left_out():
@@ -101,7 +95,7 @@ def arrays(run, periods):
 
 
 @jit
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", data("scenes")["optional"]["scenes"])
 def test_nothing_changes_where_they_say_nothing_new(scene):
     """No second harmonic, whatever its phase, and lasting contacts held as impacts are: the same bits."""
     same = {"Gamma_2": 0.0, "phi_2": 1.0, "mu_h": scene.get("mu_s", BASE["mu_s"])}

@@ -12,6 +12,7 @@ import dimersweep
 from dimersweep.cubes.cube import names
 from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import ROW_BETA0
+from dimersweep.studies.making import _places
 from dimersweep.studies.refine import refine
 from dimersweep.studies.search import search
 from tests.fakes import failing, points_made, same_bits
@@ -241,3 +242,12 @@ def test_of_a_cube_without_a_checksum_the_axes_are_compared(asked, make):
         CHANGES[change](before).to_netcdf("c.nc")
         with pytest.raises(StoreError, match=r"^out = c.nc: exists already, and cannot be used \(c.nc: is a cube"):
             make(out="c.nc")
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e-3, 1.0, 1e6])
+def test_a_point_is_taken_over_bit_for_bit_only(unit):
+    old = unit * np.array([0.1, 0.2, 0.3, 0.7])
+    assert _places(old, old[[3, 0, 2, 1]]).tolist() == [3, 0, 2, 1]
+    for beside in (np.nextafter(old, -np.inf), np.nextafter(old, np.inf), old * (1 - 1e-13), old * (1 + 1e-13)):
+        assert _places(old, beside).tolist() == [-1] * 4
+    assert _places(old, unit * np.array([0.0, 0.15, 1.0])).tolist() == [-1] * 3

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from dimersweep import simulate
+from tests.checks.data import data
 
 pytestmark = pytest.mark.jit
 # without a rod they roll as if they had 7/5 of their mass
@@ -55,17 +56,7 @@ def test_a_slide_on_a_level_plate_lasts_until_friction_has_ended_it():
     assert (unheld.mode, unheld.end_speed) == ("slides", pytest.approx(3.0, rel=1e-2))
 
 
-@pytest.mark.parametrize(
-    "scene",
-    [
-        {"xdot0": 1.0},
-        {"tilt": 1e-10},
-        {"tilt": 0.05, "theta0": -np.pi / 2},
-        {"Gamma_x": 0.1, "xdot0": 0.5},
-        {"r_1": 5e-3, "r_2": 6e-3, "xdot0": 0.2},
-    ],
-    ids=["rolls on", "tilted by nothing", "along the slope", "swayed", "as a cone"],
-)
+@pytest.mark.parametrize("scene", data("scenes")["resting"].values(), ids=data("scenes")["resting"])
 def test_what_keeps_its_speed_rests(scene):
     stopped, whole = both_of(**BALLS | {"Gamma": 0.5, "periods": 300} | scene)
     assert stopped.mode == whole.mode == "rest"

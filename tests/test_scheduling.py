@@ -1,6 +1,8 @@
 """Tasks come back in time whatever their points cost, the driver asks for few at a time, and a worker's death costs a tile."""
 
 import logging
+import os
+import signal
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -15,25 +17,16 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 import dimersweep
-from dimersweep.cubes.results import (
-    RESULT,
-    Tile,
-    blank_results,
-    chunks,
-    common,
-    gaps,
-    pieces,
-    runs,
-)
+from dimersweep.cubes.results import RESULT, Tile, blank_results, chunks, common, gaps, pieces, runs
 from dimersweep.errors import KernelError, ParameterError, UnfinishedError
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.compiler import ways
 from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED, ROW_BETA0
 from dimersweep.studies.sweep import study_of
-from dimersweep.work import scheduling, tiles
+from dimersweep.work import scheduling, stopping, tiles
 from dimersweep.work.scheduling import IN_FLIGHT, Pool, run_tasks
-from dimersweep.work.stopping import StopFlag
+from dimersweep.work.stopping import StopFlag, stoppable
 from dimersweep.work.tiles import Made, attempt
 from tests.fakes import CODE, points_on_disk, raising
 from tests.seams import SteadyPace, set_clock, set_pace, use_kernel
@@ -350,3 +343,32 @@ def test_a_task_elsewhere_ends_when_its_asker_says_so(monkeypatch):
         scheduling.stop_elsewhere("another's")
         assert len(other.result(30).results) == 0
         assert len(run("mine").results) == 0, "a task that comes later"
+
+
+# --- a run that is to stop ends, or is left alone, by what stopped it ------------------------------------------------------
+
+
+@pytest.mark.parametrize("ends", [True, False], ids=["a run that sees the flag", "a compiler that does not"])
+def test_ctrl_c_comes_out_as_such(monkeypatch, ends):
+    monkeypatch.setattr(stopping, "RUN_GRACE", 60.0 if ends else 0.05)
+    seen, late = [], threading.Event()
+
+    def call(space):
+        seen.append(space)
+        os.kill(os.getpid(), signal.SIGINT)
+        while not (is_stopped(space) if ends else late.wait(60)):
+            time.sleep(1e-3)
+
+    with pytest.raises(KeyboardInterrupt):
+        stoppable(call)
+    assert is_stopped(seen[0])
+    late.set()
+
+
+def test_a_bound_on_the_time_sets_the_flag_and_waits_for_what_comes_back():
+    def call(space):
+        while not is_stopped(space):
+            time.sleep(1e-3)
+        return "stopped"
+
+    assert stoppable(call, seconds=0.05) == "stopped"

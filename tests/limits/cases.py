@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.model.layout import N1, N2, OK
+from tests.checks.data import data
 from tests.checks.scenes import difference, engine_states
 from tests.checks.verbs import collide_double, collide_single, oracle_state, scratch, state_of
 from tests.checks.verbs import dimer as kernel_dimer
@@ -40,32 +41,8 @@ class Stretch(NamedTuple):
     end: float
 
 
-IMPACTS = {
-    "single, slip turns": Impact({"e": 0.6, "mu": 0.2, "mu_s": 0.4}, (-0.5, 0.3), 0.4, (0.3, 1.0), 30.0, 0.4),
-    "single, slip stops and stays": Impact(
-        {"e": 0.6, "mu": 0.5, "mu_s": 0.5}, (-0.5, 0.0), 0.05, (0.1, 1.0), 20.0, 0.3
-    ),
-    "single, slip reverses": Impact({"e": 0.8, "mu": 0.1, "mu_s": 0.1}, (-0.5, 0.0), 0.02, (0.0, 0.0), 0.0, 0.7),
-    "double, both land": Impact({"e": 0.6, "mu": 0.2, "mu_s": 0.4}, (-0.3, -0.5), 0.3, (0.4, -0.2), 40.0),
-    "double, p1 is down": Impact({"e": 0.6, "mu": 0.2, "mu_s": 0.2}, (0.0, -0.3), 0.01, (0.3, 0.2), 10.0),
-    "double, p1 rolls": Impact({"e": 0.6, "mu": 0.2, "mu_s": 0.4, "A_r": 7.0}, (0.0, -0.4), 0.0, (0.0, 0.5), 20.0),
-    "double, both stick": Impact({"e": 0.5, "mu": 0.6, "mu_s": 0.6}, (-0.2, -0.4), 0.03, (0.05, -0.02), 10.0),
-    "double, no friction": Impact({"e": 0.9, "mu": 0.0, "mu_s": 0.0, "A_r": 5.0}, (0.0, -0.4), 0.1, (0.3, 0.2), 10.0),
-}
-
-_PLASTIC = {"e": 0.0, "phi0": pi / 2}  # no impact at the start: the plate turns there
-_STEEP = {**_PLASTIC, "beta0": 0.9, "xdot0": 0.05, "mu": 0.3, "mu_s": 0.4}
-STRETCHES = {
-    "p1 slips": Stretch(_PLASTIC, 0.001, 0.04),
-    "p1 rolls": Stretch({}, 0.172, 0.199),
-    "p1 slips, rolls, slips": Stretch({**_PLASTIC, "xdot0": 0.0, "mu": 0.3, "mu_s": 0.3}, 0.001, 0.054),
-    "p1 slips, rolls, slips, mu_s > mu": Stretch(_STEEP, 0.001, 0.115),
-    "both slip": Stretch(_PLASTIC, 0.07, 0.15),
-    "both slip, then roll": Stretch(_PLASTIC, 0.07, 0.18),
-    "one slips beside one that sticks": Stretch(
-        {**_PLASTIC, "Gamma": 0.73, "mu": 0.53, "mu_s": 0.53, "A_r": 7.8, "beta0": 0.927, "xdot0": 0.75}, 0.12, 0.15
-    ),
-}
+IMPACTS = {name: Impact(**case) for name, case in data("scenes")["impacts"].items()}
+STRETCHES = {name: Stretch(**case) for name, case in data("scenes")["stretches"].items()}
 
 
 def coordinates(impact: Impact) -> tuple[Array, Array]:
