@@ -7,19 +7,8 @@ import numpy as np
 from dimersweep.cubes.results import blank_results
 from dimersweep.errors import StoreError
 from dimersweep.kernel.batch import new_workspace
-from dimersweep.kernel.model.layout import (
-    CODES,
-    DI_SP_SK,
-    JAMMED,
-    M_DRIFT,
-    M_FAILED,
-    M_JUMP,
-    M_REST,
-    M_UNRESOLVED,
-    OK,
-    OUT,
-    ROW,
-)
+from dimersweep.kernel.model import layout
+from dimersweep.kernel.model.layout import CODES, DI_SP_SK, JAMMED, M_DRIFT, M_FAILED, M_JUMP, M_REST, OK, OUT, ROW
 from dimersweep.storage.store import looked_at
 from dimersweep.storage.tilestore import tile_store, tiles_of
 
@@ -32,7 +21,7 @@ def fake_run_many(rows, periods, rtol, settle, out, codes, until=0, space=None):
     beta0, f = rows[:, SLOT["beta0"]], rows[:, SLOT["f"]]
     drift = np.sin(2 * f * beta0) > 0.2
     codes[:, CODE["status"]] = OK
-    codes[:, CODE["mode"]] = np.where(beta0 < 0.02, M_UNRESOLVED, np.where(drift, M_DRIFT, M_REST))
+    codes[:, CODE["mode"]] = np.where(beta0 < 0.02, layout.M_UNRESOLVED, np.where(drift, M_DRIFT, M_REST))
     codes[:, CODE["mode_period"]] = 1
     codes[:, CODE["di_end"]] = np.where(drift, DI_SP_SK, 0)
     codes[:, CODE["n_events"]] = 30 * periods

@@ -7,24 +7,12 @@ from matplotlib.contour import QuadContourSet
 from PIL import Image
 
 import dimersweep
+from dimersweep import plots
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.findings import circle_through, edges_of, minimum, search_summary
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
-from dimersweep.plots import (
-    FIGURES,
-    MODE_COLORS,
-    check_picture,
-    draw,
-    drift_intervals,
-    drift_lengths,
-    impact_rates,
-    last_cycle,
-    mode_map,
-    movie,
-    segments,
-    write_picture,
-)
+from dimersweep.plots import FIGURES, MODE_COLORS, draw, drift_intervals, drift_lengths, mode_map, movie, segments
 from dimersweep.plots.style import Drawing, entitle, log_scale
 from dimersweep.studies.refine import refine
 from dimersweep.studies.search import search
@@ -192,7 +180,7 @@ def test_angles_in_a_fixed_ratio_have_round_degrees_on_a_logarithmic_axis():
 
 def test_a_picture_is_as_large_whoever_saves_it(tmp_path):
     cube = cube_of([[R, D, D], [D, D, R]], f=[15, 20], beta0=[0.1, 0.2, 0.3])
-    write_picture(mode_map(cube), tmp_path / "a.png")
+    plots.write_picture(mode_map(cube), tmp_path / "a.png")
     mode_map(cube).savefig(tmp_path / "b.png")
     sizes = [Image.open(tmp_path / name).size for name in ("a.png", "b.png")]
     assert sizes[0] == sizes[1] == (1500, 960)
@@ -218,7 +206,7 @@ def test_every_mode_is_seen_as_a_dot_on_white():
 
 def test_a_picture_needs_a_known_ending(tmp_path):
     with pytest.raises(ParameterError, match=r"^out = .*a.xyz: a picture must end in .png, .pdf or .svg$"):
-        check_picture(tmp_path / "a.xyz")
+        plots.check_picture(tmp_path / "a.xyz")
 
 
 @pytest.mark.parametrize("friction", [{}, {"mu": 0.05, "mu_s": 0.1}])
@@ -226,12 +214,12 @@ def test_the_course_of_a_double_impact_leads_to_the_state_after_it(friction):
     run = dimersweep.simulate(periods=60, **friction)
     double = np.char.startswith(run.events["kind"].values, "DI")
     time = run.events["time"].values[double][-1]
-    course = impact_rates(run, time)
+    course = plots.impact_rates(run, time)
     after = run.states(time)
     for name in ("beta_rate", "theta_rate", "gamma_rate"):
         assert course[name].values[-1] == pytest.approx(after[name].item(), abs=1e-10)
     assert course["kind"].values[0] == ""
-    start, stop = last_cycle(run)
+    start, stop = plots.last_cycle(run)
     assert stop - start == pytest.approx(1 / 15)
     assert stop < time + 1e-12
 

@@ -13,18 +13,8 @@ from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import FREE, N_STATE, ROW, SLIP, STICK, State
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.parameters import Parameters
-from tests.checks.examine import (
-    gravity_power,
-    integrals,
-    kinetic,
-    lab_gain,
-    of_centre,
-    phases_of,
-    plate_energy,
-    slips,
-    states_at,
-    total,
-)
+from tests.checks import examine
+from tests.checks.examine import integrals, kinetic, lab_gain, of_centre, phases_of, slips, states_at, total
 from tests.checks.launch import begin, launch
 from tests.checks.random_scenes import BLOCK, laboratory_row
 from tests.checks.scenes import exchanged_ends, turned_plate
@@ -316,7 +306,7 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
     row, dm, run = run_of(scene, state, rtol)
     phases = phases_of(row, rtol, run.events, run.segments)
     starts, modes = phases.segments[:, :N_STATE], phases.segments[:, SEGMENT_MODES:SEGMENT_HOP_TIME]
-    unit = kinetic(dm, starts).max() + plate_energy(dm) + dm.m * dm.g * dm.p2.h
+    unit = kinetic(dm, starts).max() + examine.plate_energy(dm) + dm.m * dm.g * dm.p2.h
     free = (modes == FREE).all(1)
     assert np.abs(lab_gain(dm, starts[free], phases.ends[free])).max(initial=0.0) <= 1e-10 * unit
 
@@ -336,7 +326,7 @@ def test_energy_is_accounted_for_event_by_event(rtol, drawn):
 def power_of(dm, modes, state):
     """Power of effective gravity and friction in the plate's frame [W]; the normal forces have none there."""
     F, slip = forces(dm, modes, state)
-    return dm.m * gravity_power(dm, State(*state)) + (F[:, 1:] * slip).sum()
+    return dm.m * examine.gravity_power(dm, State(*state)) + (F[:, 1:] * slip).sum()
 
 
 @accuracies

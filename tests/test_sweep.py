@@ -19,18 +19,8 @@ from dimersweep.cubes.cube import names
 from dimersweep.cubes.results import Tile, chunks, split
 from dimersweep.errors import KernelError, UnfinishedError
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.model.layout import (
-    CODE_MODE,
-    CODE_N_PERIODS,
-    CODE_STATUS,
-    CODES,
-    M_DRIFT,
-    M_UNRESOLVED,
-    MODES,
-    OK,
-    OUT,
-    ROW_BETA0,
-)
+from dimersweep.kernel.model import layout
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, CODES, M_DRIFT, MODES, OK, OUT, ROW_BETA0
 from dimersweep.storage.provenance import OURS
 from dimersweep.studies.declared import from_cube
 from dimersweep.studies.search import search
@@ -107,8 +97,8 @@ def rings_down(rows, periods, rtol, settle, out, codes, until=0, space=None):
     """A kernel whose starts settle after 1000 beta0 periods, in drift, and never where f is 25."""
     need = np.where(rows[:, 3] == 25, np.inf, 1000 * rows[:, ROW_BETA0])
     codes[:, CODE_STATUS] = OK
-    codes[:, CODE_MODE] = np.where(need <= periods, M_DRIFT, M_UNRESOLVED)
-    codes[:, CODE_N_PERIODS] = np.minimum(need, periods)
+    codes[:, CODE_MODE] = np.where(need <= periods, M_DRIFT, layout.M_UNRESOLVED)
+    codes[:, layout.CODE_N_PERIODS] = np.minimum(need, periods)
     stops = np.flatnonzero(until >> codes[:, CODE_MODE] & 1)
     made = int(stops[0]) + 1 if stops.size else len(rows)
     codes[made:] = 0

@@ -14,26 +14,10 @@ import numpy as np
 
 from dimersweep.kernel.batch import ask_for, run_recorded
 from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.event_row import EVENT
-from dimersweep.kernel.model.layout import (
-    C_CHATTER_END,
-    C_IMPACT,
-    CODES,
-    D1,
-    D2,
-    DIP,
-    FREE,
-    N_CODES,
-    N_OUT,
-    N_STATE,
-    PERIOD,
-    PHASE,
-    RECORD_FULL,
-    SLIP,
-    STATUSES,
-    State,
-)
+from dimersweep.kernel.model.layout import CODES, D1, D2, DIP, FREE, N_CODES, N_OUT, N_STATE, PERIOD, PHASE, SLIP, State
 from dimersweep.kernel.model.plate import motion, motion_along
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, new_record, no_record, rows_of, was_full
 from dimersweep.kernel.sample import sample
@@ -58,8 +42,8 @@ def attempt(row, periods, rtol, rows):
     """Status, number of events, event rows and segments of one run, at most `rows` of each; and whether these are all."""
     codes, kept = np.zeros((1, N_CODES), np.int64), new_record(rows, LOG_ROWS)
     run_recorded(row, ask_for(periods, rtol, path=True), np.zeros((1, N_OUT)), codes, kept)
-    fits = codes[0, CODE["status"]] != RECORD_FULL and not was_full(kept)
-    status, n_events = STATUSES[codes[0, CODE["status"]]], int(codes[0, CODE["n_events"]])
+    fits = codes[0, CODE["status"]] != layout.RECORD_FULL and not was_full(kept)
+    status, n_events = layout.STATUSES[codes[0, CODE["status"]]], int(codes[0, CODE["n_events"]])
     return (status, n_events, *rows_of(kept)), fits
 
 
@@ -296,8 +280,8 @@ def phases_of(row, rtol, events, segments):
     segments = segments[np.append(np.diff(times) > 0.0, True)[: len(segments)]]
     times = segment_times(segments[1:])
     span = 2 * pi * np.diff(segments[:, PERIOD]) + np.diff(segments[:, PHASE])
-    closed = np.isin(times, at[causes == C_CHATTER_END])
-    struck = np.isin(times, at[causes == C_IMPACT]) & ~closed
+    closed = np.isin(times, at[causes == layout.C_CHATTER_END])
+    struck = np.isin(times, at[causes == layout.C_IMPACT]) & ~closed
     jumps = closed | struck
     after = segments[1:, :N_STATE]
     ends = after.copy()

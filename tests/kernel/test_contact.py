@@ -13,42 +13,10 @@ from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, N_Y, UPRIGHT
 from dimersweep.kernel.contact.events import HOLD_LOST, JAM, LANDING, LIFT_OFF, NO_EVENT, SLIP_END
 from dimersweep.kernel.contact.forces import A1, COMPLIANCE, F1, F2, L1, L2, N_F
 from dimersweep.kernel.contact.slip_onset import PAIR_SPEED
-from dimersweep.kernel.model.layout import (
-    CA,
-    CB,
-    D1,
-    D2,
-    DIP,
-    FREE,
-    GAMMA,
-    N1,
-    N2,
-    N_STATE,
-    SLIP,
-    SPIN,
-    STICK,
-    THETA,
-    WB,
-    WP,
-    X1,
-    Y1,
-)
-from tests.checks.verbs import (
-    contact_mode,
-    contact_rates,
-    contact_state,
-    contact_velocity,
-    dimer,
-    hold_left_of_pair,
-    hold_reserve,
-    kernel_state,
-    oracle_state,
-    scratch,
-    set_slip,
-    set_slips,
-    state_of,
-    sustain_contact,
-)
+from dimersweep.kernel.model import layout
+from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, FREE, N1, N2, SLIP, SPIN, STICK, THETA, WB, WP, X1, Y1
+from tests.checks import verbs
+from tests.checks.verbs import contact_rates, contact_state, dimer, kernel_state, oracle_state, scratch, sustain_contact
 from tests.oracle import body
 from tests.oracle.contact import Instant, State, settle
 
@@ -60,7 +28,7 @@ DOUBLE = [(STICK, STICK), (STICK, SLIP), (SLIP, STICK), (SLIP, SLIP)]
 
 def at_rest(dm, state, i):
     """The state with the slip of end i removed by moving the whole body, exactly zero for p1."""
-    _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
+    _, a, b = verbs.contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
     state = state.copy()
     state[CA] -= a
     state[CB] -= b
@@ -74,7 +42,7 @@ def closed_state(dm, modes, rng, fast=1.0):
     double = FREE not in modes
     if double:
         q[4] = qdot[4] = 0.0
-    state = state_of(dm, q, qdot)
+    state = verbs.state_of(dm, q, qdot)
     if modes[0] == FREE:  # p2 stands on the plate: the dimer leans the other way
         state[[DIP, D1, D2]] = -q[4], dm.l * sin(q[4]), 0
         state[[N1, N2]] = state[N1] - state[N2], 0
@@ -112,7 +80,7 @@ ONE_SLIP = [(modes, False) for modes in ((SLIP, FREE), (FREE, SLIP), (SLIP, STIC
 def test_a_slip_is_set_by_impulses_of_friction(modes, both):
     """What changes across the axis are momentum and spins by (5), with an impulse at each end that is meant, none elsewhere."""
     dm, rng = dimer(r_1=0.006, r_2=0.004, A_r=6.0), np.random.default_rng(5)
-    state = np.zeros(N_STATE)
+    state = np.zeros(layout.N_STATE)
     state[[CA, CB, WP, SPIN]] = rng.normal(size=4) * [0.1, 1.0, 3.0, 60.0]
     state[DIP] = 0.0 if FREE not in modes else (0.4 if modes[0] != FREE else -0.4)
     levers = lateral_levers(dm, state)
@@ -123,9 +91,9 @@ def test_a_slip_is_set_by_impulses_of_friction(modes, both):
     contact_state(dm, state, -1.0 if modes[0] != FREE else 1.0, y)
     i, later = modes.index(SLIP), state.copy()
     if both:
-        set_slips(dm, codes, y, y[Y.u_a], 0.7, -0.3)
+        verbs.set_slips(dm, codes, y, y[Y.u_a], 0.7, -0.3)
     else:
-        set_slip(dm, codes, y, i, y[Y.u_a], 0.7)
+        verbs.set_slip(dm, codes, y, i, y[Y.u_a], 0.7)
     kernel_state(dm, codes, y, later)
     change = (later - state)[[CB, WP, SPIN]] * [dm.m, dm.J_t, dm.J_a]
     columns = np.array([[1.0, *of] for of in levers]).T
@@ -209,7 +177,7 @@ def chosen(dm, state, closed, time=TIME, event=NO_EVENT):
     """The contact mode that the kernel chooses: answer, modes, contact state, its rates and forces."""
     modes, y, dy, F = np.zeros(2), np.zeros(N_Y), np.zeros(N_Y), np.zeros(N_F)
     contact_state(dm, state, -1.0 if closed[0] else 1.0, y)
-    answer = contact_mode(dm, *closed, dm.omega * time + dm.phi0, y, modes, SLIP_TOL, event, dy, F)
+    answer = verbs.contact_mode(dm, *closed, dm.omega * time + dm.phi0, y, modes, SLIP_TOL, event, dy, F)
     if answer == CLOSED:
         contact_rates(dm, modes, dm.omega * time + dm.phi0, y, dy, F)
     return answer, tuple(int(mode) for mode in modes), y, dy, F
@@ -334,11 +302,11 @@ def test_two_ends_at_rest_share_the_axial_force_only(lateral):
     room = np.sqrt(0.01 * np.array([1, 4]) - (0.1 * lateral) ** 2) if lateral < 1 else None
     for part in (0.0, 0.999, 1.001):
         if room is None:
-            assert hold_reserve(dm, codes, 0, F) < 0
+            assert verbs.hold_reserve(dm, codes, 0, F) < 0
         else:
             F[A1] = -part * room.sum()
             left = min((1 - part) * room.sum(), 0.1 * 1.0 - 0.1 * lateral)  # along the axis; of p1 to the side
-            assert hold_reserve(dm, codes, 0, F) == pytest.approx(left, abs=1e-14)
+            assert verbs.hold_reserve(dm, codes, 0, F) == pytest.approx(left, abs=1e-14)
 
 
 SHAKEN = {"Gamma": 0.3, "Gamma_x": 0.2, "Gamma_y": 0.15, "phi_y": 0.6}
@@ -356,7 +324,7 @@ def held_pair(seed, rougher=1.0):
     _, _, _, _, F = chosen(rough, state, (True, True))
 
     def reserve(mu):
-        return hold_left_of_pair(mu, F[F1], F[L1], rougher * mu, F[F2], F[L2], F[A1])
+        return verbs.hold_left_of_pair(mu, F[F1], F[L1], rougher * mu, F[F2], F[L2], F[A1])
 
     return scene, state, F, brentq(reserve, 1e-3, 10.0, xtol=1e-16, rtol=1e-15)
 
@@ -585,7 +553,7 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         value = {
             LANDING: y[Y.dip],
             SLIP_END: hypot(y[Y.u_a], y[Y.u_b]),
-            HOLD_LOST: hold_reserve(dm, codes, 0, F) / (dm.m * dm.g),
+            HOLD_LOST: verbs.hold_reserve(dm, codes, 0, F) / (dm.m * dm.g),
             LIFT_OFF: min(F[F1], F[F2]) / (dm.m * dm.g),
         }[event]
         assert value == pytest.approx(0, abs=1e-12)
@@ -659,17 +627,17 @@ def test_a_hold_that_is_lost_and_regained_before_a_landing_is_not_missed():
 
 UNLIKE = {"r_1": 5e-3, "r_2": 6e-3, "mu_1": 0.3, "mu_2": 0.2, "mu_s_1": 0.5, "mu_s_2": 0.5}
 ALONG = {"tilt": 0.1, "azimuth": 0.8, "Gamma_x": 0.2, "phi_x": 0.3, "Gamma_y": 0.4, "phi_y": 2.0}
-MOVING = [DIP, WB, WP, SPIN, CA, CB, THETA, X1, Y1, GAMMA]
+MOVING = [DIP, WB, WP, SPIN, CA, CB, THETA, X1, Y1, layout.GAMMA]
 
 
 def steep(dm, i, mode, seed):
     """A state of a rod that stands on end i, beyond the border of the charts."""
-    rng, state = np.random.default_rng(seed), np.zeros(N_STATE)
+    rng, state = np.random.default_rng(seed), np.zeros(layout.N_STATE)
     state[DIP] = (1.49 if i == 0 else -1.49) - dm.beta_0
     state[[WB, WP, SPIN, CA, CB]] = rng.normal(size=5) * [2.0, 0.3, 60.0, 0.3, 0.3]
-    state[[THETA, X1, Y1, GAMMA]] = rng.uniform(-1, 1, 4)
+    state[[THETA, X1, Y1, layout.GAMMA]] = rng.uniform(-1, 1, 4)
     if mode == STICK:
-        _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
+        _, a, b = verbs.contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
         state[CA], state[CB] = state[CA] - a, state[CB] - b
     return state
 
@@ -677,15 +645,15 @@ def steep(dm, i, mode, seed):
 def by_heading(dm, i, state):
     """The contact state in the chart by heading, which `contact_state` leaves there."""
     y = np.zeros(N_Y)
-    _, a, b = contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
+    _, a, b = verbs.contact_velocity(dm, state, -1.0 if i == 0 else 1.0)
     y[: Y.u_a + 2] = *state[[DIP, WB, WP, SPIN]], a, b
-    y[[Y.x - 2, Y.x, Y.y, Y.gamma]] = state[[THETA, X1, Y1, GAMMA]]
+    y[[Y.x - 2, Y.x, Y.y, Y.gamma]] = state[[THETA, X1, Y1, layout.GAMMA]]
     return y
 
 
 def change_of(dm, modes, y, step):
     """Rate of the kernel state where a contact state goes on at its rates, and the size of the forces."""
-    dy, F, ends = np.zeros(N_Y), np.zeros(N_F), np.zeros((2, N_STATE))
+    dy, F, ends = np.zeros(N_Y), np.zeros(N_F), np.zeros((2, layout.N_STATE))
     contact_rates(dm, modes, 0.7, y, dy, F)
     for end, by in zip(ends, (step, -step), strict=True):
         kernel_state(dm, modes, y + by * dy, end)

@@ -10,18 +10,10 @@ from dimersweep.kernel.model.contact_code import digits_of
 from dimersweep.kernel.model.event_row import E_KIND, E_N1_AFTER, E_P1, E_P2
 from dimersweep.kernel.model.layout import CA, CB, FREE, IMPACT, N1, N2, N_STATE, OK, SLIP, SPIN, STICK, WB, WP
 from tests import oracle
+from tests.checks import verbs
 from tests.checks.examine import kinetic
 from tests.checks.impacts import STORED, end_names, rates_apart, works_apart
-from tests.checks.verbs import (
-    angular_momentum,
-    collide_double,
-    contact_velocity,
-    dimer,
-    oracle_state,
-    scratch,
-    set_pair,
-    state_of,
-)
+from tests.checks.verbs import angular_momentum, contact_velocity, dimer, oracle_state, scratch, set_pair, state_of
 
 DOUBLE = [case for case in STORED if all(case["closed"])]
 
@@ -30,7 +22,7 @@ def struck(dm, state, tol=1e-10, works=False):
     """After an impact of both ends: the state, the friction modes, the scratch, and the log of the phases."""
     (work, log), state, modes = scratch(), state.copy(), np.zeros(2)
     work.course[0].tally.wanted = works
-    status, rows = collide_double(dm, state, -float(min(state[N1], state[N2])), tol, modes, work, log)
+    status, rows = verbs.collide_double(dm, state, -float(min(state[N1], state[N2])), tol, modes, work, log)
     assert status == OK
     return state, tuple(int(mode) for mode in modes), work, log[:rows]
 

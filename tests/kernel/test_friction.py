@@ -8,19 +8,8 @@ import pytest
 from dimersweep.kernel.contact.coordinates import N_Y, Y
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, N_F
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
-from tests.checks.verbs import (
-    contact_rates,
-    dimer,
-    end_law,
-    hold_left,
-    hold_left_of_pair,
-    hold_reserve,
-    outward_slip,
-    pair_friction,
-    scratch,
-    slip_force,
-    straight_leg,
-)
+from tests.checks import verbs
+from tests.checks.verbs import dimer, end_law, hold_left, hold_reserve, outward_slip, scratch, slip_force, straight_leg
 
 seeds = pytest.mark.parametrize("seed", range(6))
 
@@ -52,7 +41,7 @@ def test_two_held_ends_hold_where_some_split_of_the_axial_force_does(seed):
         best = max(
             min(hold_left(dm.p1.mu_h, F[0], a, L[0]), hold_left(dm.p2.mu_h, F[1], A - a, L[1])) for a in splits[::20]
         )
-        left = hold_left_of_pair(dm.p1.mu_h, F[0], L[0], dm.p2.mu_h, F[1], L[1], A)
+        left = verbs.hold_left_of_pair(dm.p1.mu_h, F[0], L[0], dm.p2.mu_h, F[1], L[1], A)
         assert (best >= 0.0) == (left >= 0.0) or abs(left) < 1e-2
 
 
@@ -83,7 +72,7 @@ def test_the_contact_of_two_slipping_ends(seed):
     """``double_forces``: each end has the friction of its own slip, and no gap opens."""
     rng, dm = scene(seed)
     y, dy, F = contact(rng, both=True), np.zeros(N_Y), np.zeros(N_F)
-    contact_rates(dm, np.array([SLIP, SLIP], float), 0.0, y, dy, F)
+    verbs.contact_rates(dm, np.array([SLIP, SLIP], float), 0.0, y, dy, F)
     slips = [(y[Y.u_a], y[Y.u_b]), (y[Y.u_a], y[Y.u_b] - dm.l * y[Y.w_p])]
     friction = np.array(
         [
@@ -105,7 +94,7 @@ def test_the_friction_of_an_impact_at_both_ends(seed):
         slip_force(p.mu, f, a / hypot(a, b), b / hypot(a, b)) for p, f, b in ((dm.p1, f_1, b_1), (dm.p2, f_2, b_2))
     )
     expected = first[0] + second[0], first[1], second[1]
-    np.testing.assert_allclose(pair_friction(dm, (SLIP, SLIP), f_1, f_2, a, b_1, b_2), expected, rtol=1e-13)
+    np.testing.assert_allclose(verbs.pair_friction(dm, (SLIP, SLIP), f_1, f_2, a, b_1, b_2), expected, rtol=1e-13)
 
 
 @seeds

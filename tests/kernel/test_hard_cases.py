@@ -14,30 +14,10 @@ from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
 from dimersweep import simulate
+from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, digits_of
-from dimersweep.kernel.model.layout import (
-    C_CHATTER_END,
-    C_IMPACT,
-    C_LIFT_OFF,
-    C_SLIP,
-    C_STICK,
-    D1,
-    D2,
-    DIP,
-    FREE,
-    N1,
-    N2,
-    N_STATE,
-    OK,
-    PERIOD,
-    PHASE,
-    SLIP,
-    SPIN,
-    THETA,
-    WB,
-    State,
-)
+from dimersweep.kernel.model.layout import C_IMPACT, C_LIFT_OFF, DIP, N1, N2, N_STATE, OK, PHASE, SPIN, THETA, WB, State
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from tests import oracle
 from tests.checks.data import data
@@ -98,7 +78,7 @@ def test_at_gamma_1_a_plastic_dimer_never_leaves_the_plate(rtol, phi0):
     row = row_of(Gamma=1.0, beta0=0.0, e=0.0, phi0=phi0)
     run = launched(row, standing(dimer_of(row), 0.0), 5, rtol)
     assert C_LIFT_OFF not in causes(run)
-    assert not run.segments[:, [D1, D2, N1, N2, DIP, WB]].any()
+    assert not run.segments[:, [layout.D1, layout.D2, N1, N2, DIP, WB]].any()
 
 
 def hop_phases(excess):
@@ -141,7 +121,7 @@ def test_without_restitution_an_end_that_lands_alone_stays(rtol, beta0):
     ends = np.array([digits_of(int(kind)) for kind in run.column("kind")])
     for i in (0, 1):
         after = run.column(f"gap_{i + 1}_rate_after")
-        assert not after[alone & (ends[:, i] > SLIP)].any()
+        assert not after[alone & (ends[:, i] > layout.SLIP)].any()
     assert alone.any() or beta0 == 0.0
 
 
@@ -159,8 +139,8 @@ def test_without_loss_every_impact_keeps_the_energy(rtol):
 
 def flights(row, run):
     """States at the start of each flight that ends with an impact, and just before and just after that."""
-    free = (run.segments[:-1, SEGMENT_MODES:SEGMENT_HOP_TIME] == FREE).all(1)
-    times = run.segments[:, PERIOD] + run.segments[:, PHASE] / (2 * pi)
+    free = (run.segments[:-1, SEGMENT_MODES:SEGMENT_HOP_TIME] == layout.FREE).all(1)
+    times = run.segments[:, layout.PERIOD] + run.segments[:, PHASE] / (2 * pi)
     struck = free & (np.diff(times) > 0) & (run.segments[1:, PHASE] > 0.0)
     starts, after = run.segments[:-1][struck], run.segments[1:][struck][:, :N_STATE]
     return starts[:, :N_STATE], states_at(row, starts, after[:, PHASE, None], run.rtol)[:, 0], after
@@ -201,8 +181,8 @@ def test_an_end_held_by_any_force_slips_at_impacts_only(rtol):
     """A stick coefficient of a million: the cone is a half-space, squares of its limit are large but finite."""
     row = row_of(mu=0.2, mu_s=1e6, Gamma=0.9)
     run = launched(row, lifted(dimer_of(row), 0.3, 1e-3, cb=1.0), 10, rtol)
-    assert C_STICK in causes(run)
-    assert C_SLIP not in causes(run)
+    assert layout.C_STICK in causes(run)
+    assert layout.C_SLIP not in causes(run)
 
 
 # --- edges of the impact law ------------------------------------------------------------------------------------------
@@ -309,7 +289,7 @@ def test_ends_that_land_within_a_picosecond(rtol, apart):
     )
     fall = (sqrt(speed**2 + 2 * dm.g * 1e-3) - speed) / dm.g
     assert struck[0] == pytest.approx(fall, abs=2e-11)
-    assert not run.state[[D1, D2, DIP]].any()
+    assert not run.state[[layout.D1, layout.D2, DIP]].any()
 
 
 @everywhere
@@ -342,8 +322,8 @@ def test_a_chatter_that_ends_when_the_other_end_lands(rtol):
     def bounce(speed):
         run = launched(row, lifted(dm, 0.05, 0.0, c_n=speed), 1, rtol)  # p1 leaves the plate, the rod not turning
         ends = [digits_of(int(kind)) for kind in run.column("kind")]
-        landed = [k for k, (_, b) in enumerate(ends) if b > SLIP]
-        closed = np.flatnonzero(causes(run) == C_CHATTER_END)
+        landed = [k for k, (_, b) in enumerate(ends) if b > layout.SLIP]
+        closed = np.flatnonzero(causes(run) == layout.C_CHATTER_END)
         return closed.size > 0 and closed[0] < landed[0]
 
     low, high = 1e-4, 1.0

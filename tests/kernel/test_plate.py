@@ -9,39 +9,13 @@ import numpy as np
 import pytest
 
 from dimersweep.kernel.compiler.jit import plain
+from dimersweep.kernel.model import layout
 from dimersweep.kernel.model import plate as plate_of
 from dimersweep.kernel.model.body import dimer_of
-from dimersweep.kernel.model.layout import (
-    D1,
-    D2,
-    DIP,
-    FREE,
-    N1,
-    N2,
-    N_STATE,
-    PHASE,
-    ROW_PHI0,
-    ROW_PHI_2,
-    SLIP,
-    SPIN,
-    STICK,
-    WB,
-    WP,
-)
+from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, PHASE, ROW_PHI0, ROW_PHI_2, SLIP, STICK, WB, WP
 from dimersweep.kernel.model.plate import motion, motion_along, phases_later
-from tests.checks.verbs import (
-    along_plate,
-    dimer,
-    effective_gravity,
-    first_landing,
-    gap_series,
-    lightest,
-    plate_bounds,
-    plate_rate,
-    rests_for_good,
-    row_of,
-    take_off,
-)
+from tests.checks import verbs
+from tests.checks.verbs import dimer, gap_series, lightest, plate_bounds, plate_rate, rests_for_good, row_of, take_off
 from tests.oracle import body as slow
 
 PLATES = [
@@ -81,7 +55,7 @@ def test_height_and_its_derivatives(plate):
             exact = [float(mpmath.diff(lambda x: height(plate, x), mpmath.mpf(t), n)) for n in range(3)]
             np.testing.assert_allclose(motion(dm, phase), exact, rtol=1e-12, atol=1e-14)
             assert plate_rate(dm, phase) == pytest.approx(exact[1], rel=1e-12, abs=1e-14)
-            assert effective_gravity(dm, phase) == pytest.approx(dm.g + exact[2], rel=1e-12, abs=1e-13)
+            assert verbs.effective_gravity(dm, phase) == pytest.approx(dm.g + exact[2], rel=1e-12, abs=1e-13)
 
 
 @plates
@@ -91,7 +65,7 @@ def test_the_oracles_plate_is_the_same(plate):
     for t in (0.0, 0.01, 0.04):
         phase = dm.omega * t + dm.phi0
         assert slow.plate_velocity(d, t)[2] == pytest.approx(plate_rate(dm, phase), rel=1e-12, abs=1e-14)
-        assert slow.felt(d, t)[2] == pytest.approx(-effective_gravity(dm, phase), rel=1e-12, abs=1e-13)
+        assert slow.felt(d, t)[2] == pytest.approx(-verbs.effective_gravity(dm, phase), rel=1e-12, abs=1e-13)
 
 
 @plates
@@ -170,9 +144,9 @@ def hop(plate, seed):
     """A flight that starts on the plate."""
     dm, _, _ = made(plate)
     rng = np.random.default_rng(seed)
-    state = np.zeros(N_STATE)
+    state = np.zeros(layout.N_STATE)
     state[PHASE], state[DIP] = rng.uniform(0, 2 * pi), rng.uniform(0.0, 0.4)
-    state[[WB, WP, SPIN]] = rng.normal(size=3) * [5, 5, 60]
+    state[[WB, WP, layout.SPIN]] = rng.normal(size=3) * [5, 5, 60]
     state[N1] = 10.0 ** rng.uniform(-6, 0)
     state[D2] = state[D1] + dm.l * np.sin(state[DIP])
     state[N2] = state[N1] + dm.l * np.cos(state[DIP]) * state[WB]
@@ -205,7 +179,7 @@ def test_the_gap_of_a_flight(plate, seed):
 def test_landings_are_the_first_ones(plate, seed):
     dm, state = hop(plate, seed)
     fl = take_off(dm, state)
-    t, _ = first_landing(fl, -1.0, 3.0)
+    t, _ = verbs.first_landing(fl, -1.0, 3.0)
     before = t * np.linspace(1e-6, 1.0 - 1e-9, 1001)
     gaps = np.array([gap_series(fl, -1.0, x)[0] for x in before])
     assert (gaps > 0.0).all()
@@ -265,7 +239,7 @@ def test_velocity_and_acceleration_along_the_plate_are_derivatives_of_its_place(
         angles = phase + np.array([shaken["phi_x"], shaken["phi_y"]])
         np.testing.assert_allclose(here[2:], g * np.array([0.2, 0.5]) / dm.omega * np.cos(angles), atol=1e-14)
         for theta in (0.0, 0.9):
-            a_a, a_b, v_x, v_y = along_plate(dm, phase, theta)
+            a_a, a_b, v_x, v_y = verbs.along_plate(dm, phase, theta)
             np.testing.assert_allclose([v_x, v_y], here[2:], atol=1e-14)
             room = fall - rates[2:]
             axis, across = [-np.sin(theta), np.cos(theta)], [np.cos(theta), np.sin(theta)]
