@@ -9,7 +9,6 @@ from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 
 TOLERANCE = 10.0  # residual of an orbit over the rtol of the map
 NEWTON_STEPS, QUICK_FALL = 25, 0.2  # Newton steps at most; a residual that falls by less asks for a new derivative
-FEW = 10  # steps where no new one is to be had
 STEP_HALVINGS = 6
 NEAR_ENOUGH = 1e3  # residual, over the target, of steps that come no nearer but are near enough
 
@@ -76,7 +75,7 @@ def newton(
     """
     r, extra = f(y)
     A, fresh = known, False
-    for _ in range(NEWTON_STEPS if derivative else FEW):
+    for _ in range(NEWTON_STEPS):
         size = np.abs(r).max()
         if size <= target:
             return Root(y, extra, r, A)

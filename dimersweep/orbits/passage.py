@@ -10,7 +10,7 @@ for more than half a forcing period: the line from which a ball counts as flying
 """
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -131,16 +131,16 @@ class Sides(NamedTuple):
 
     def here(self, sequence: str) -> bool:
         """Whether a sequence is one of this side."""
-        return all(more == self.more[symbol] for symbol, more in self._more(sequence))
+        return all(self._alike(sequence).values())
 
     def beyond(self, sequence: str) -> bool:
         """Whether a sequence is one of the other side.
 
         It is if it lacks all that goes there; if nothing goes, if it has all that comes. A sequence may belong to neither side.
         """
-        changes = [(self.more[symbol], more != self.more[symbol]) for symbol, more in self._more(sequence)]
-        going = [changed for goes, changed in changes if goes]
-        return all(going or [changed for _, changed in changes])
+        alike = self._alike(sequence)
+        going = [alike[symbol] for symbol, more in self.more.items() if more]
+        return not any(going or alike.values())
 
     def described(self, sequence: str) -> str:
         """The symbols that go (-) and come (+) from the side of a sequence to the other one."""
@@ -151,9 +151,10 @@ class Sides(NamedTuple):
         """Whether the change lies between two sequences."""
         return (self.here(a) and self.beyond(b)) or (self.here(b) and self.beyond(a))
 
-    def _more(self, sequence: str) -> Iterator[tuple[str, bool]]:
+    def _alike(self, sequence: str) -> dict[str, bool]:
+        """Of each symbol, whether it occurs in a sequence as on this side."""
         counts = _counted(sequence)
-        return ((symbol, counts[symbol] > least) for symbol, least in self.least.items())
+        return {symbol: (counts[symbol] > least) == self.more[symbol] for symbol, least in self.least.items()}
 
 
 def sides_of(this: str, beyond: str, begins: str = "") -> Sides:
