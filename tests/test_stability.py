@@ -303,7 +303,7 @@ def test_the_exponents_of_a_settled_motion_are_those_of_its_multipliers(drift):
 
 
 def test_the_largest_exponent_of_chaos_is_that_of_a_twin():
-    run = simulate(Gamma=3.0, periods=200)
+    run = simulate(Gamma=3.0, e=0.8, periods=200)
     every, largest = spectrum(run, 300), lyapunov(run, 300)
     assert every.exponents[0] == pytest.approx(largest.exponent, rel=1e-3)
     assert every.periods == largest.periods
@@ -364,7 +364,7 @@ def test_places_are_regular_where_the_dimer_stands_upright(lower):
 
 @pytest.mark.parametrize(
     ("scene", "finite"),
-    [({"Gamma": 8.0, "e": 0.6, "mu_s": 0.2}, 6), ({"Gamma": 5.0, "e": 0.7, "mu": 0.3, "beta0": 0.4}, 4)],
+    [({"Gamma": 8.0, "e": 0.7, "mu_s": 0.2}, 6), ({"Gamma": 5.0, "e": 0.6, "mu": 0.3, "beta0": 0.4}, 4)],
 )
 def test_a_period_that_contracts_by_much_loses_no_exponent(scene, finite):
     """Ends that stick within impacts take two, an end that stays down two more; what is left does not depend on the length."""
