@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from itertools import islice
-from math import ceil, inf, sqrt
+from math import ceil, inf, isfinite, sqrt
 from pathlib import Path
 from time import perf_counter
 
@@ -80,12 +80,13 @@ class Plan:
             points = f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {size}"
         done = f", {self.done} of them done" if self.done else ""
         cube = signed(self.study.template(), self.study.configuration())
+        doubt = format_time(error) if isfinite(error) else "any time"
         low, middle, high = (format_time(float(value)) for value in np.quantile(self.times, (0, 0.5, 1)))
         return [
             f"points: {points}{done}",
             f"tiles: {ceil(left / self.tile_points)} of {self.tile_points} points",
             f"cube: {format_bytes(size * sum(variable.nbytes for variable in cube.data_vars.values()))} before compression",
-            f"time: {format_time(seconds)} on {self.workers} threads, give or take {format_time(error)} (standard error)",
+            f"time: {format_time(seconds)} on {self.workers} threads, give or take {doubt} (standard error)",
             f"sample: {self.times.size} {self.sample.unit}, {format_time(float(self.times.mean()))} each on average "
             f"(shortest {low}, median {middle}, longest {high})",
         ]
