@@ -247,11 +247,10 @@ def might_stick(dm, modes, z, slip_tol):
 
     Where drive and friction balance, a slip goes on at a speed below all that counts.
     """
-    f_1, f_2 = force(dm, 0, z[ZX1]), force(dm, 1, z[ZX2])
     for i in range(2):
-        if modes[i] == SLIP and end(dm, i).mu_hit > 0.0 and length(z[ZA], z[ZB1 + i]) <= slip_tol:
+        if modes[i] == SLIP and length(z[ZA], z[ZB1 + i]) <= slip_tol and end(dm, i).mu_hit > 0.0:
             modes[i] = STICK
-            room = stick_reserve(dm, modes, i, z, f_1, f_2)
+            room = stick_reserve(dm, modes, i, z, force(dm, 0, z[ZX1]), force(dm, 1, z[ZX2]))
             modes[i] = SLIP
             if room > 0.0:
                 return i

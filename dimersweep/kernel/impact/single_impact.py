@@ -30,14 +30,14 @@ from dimersweep.kernel.impact.expansion import (
 )
 from dimersweep.kernel.model.friction import holds_axially, slip_force
 from dimersweep.kernel.model.layout import IMPACT_STEPS, JAMMED, OK, SLIP, STICK
-from dimersweep.kernel.numerics.elementary import exp, length
+from dimersweep.kernel.numerics.elementary import exp, length, log
 from dimersweep.kernel.numerics.meter import charge, is_over
 
 OTHER, LEG = -1, -2  # in place of a status: the other end begins to be compressed; the impact goes on with the next leg
 MAX_LEGS = 200  # an impact has a few: it compresses, slips, sticks and is restored
 MAX_SINGLE_STEPS = 2000  # expansions of a leg
 EXPANSION_COST = 0.35  # of a step by expansion, in hops of one end: as measured
-OFF_AXIS = 0.1  # sine of the angle to an axial direction below which that is the invariant one
+OFF_AXIS = 0.1  # sine of the angle to an axial direction below which slip is taken along that
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
 ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
 CONVERGES, MAX_TERMS = 0.4, 80  # ratio of the terms in closed form below which they are summed, and the most of them
@@ -113,9 +113,21 @@ def turns_away(law, c):
 
 @compiled
 def is_invariant(law, v, c, s, tol):
-    """Whether slip along (c, s) keeps its direction: to rounding, or so near to an attracting one that the rates do."""
+    """Whether slip along (c, s) keeps its direction: to rounding, or so near to an attracting one that the rates do.
+
+    Near an axial direction they change with s^2 only: v s^2 goes as exp(fade xi), and counts as a whole where it dies out.
+    """
     rate, slope = turning(law, c, s)
-    return abs(rate) <= INVARIANT or (slope < 0.0 and v * abs(rate / slope) <= ATTRACTED * tol)
+    fade = 2.0 * slope + law.na * c - law.mu * law.aa
+    off = s * s / -fade if abs(s) < OFF_AXIS and fade < 0.0 else abs(rate / slope)
+    return abs(rate) <= INVARIANT or (slope < 0.0 and v * off <= ATTRACTED * tol)
+
+
+@compiled
+def left_across(law, w_v, v, b, P):
+    """Lateral part b of a slip v near the axis that is left after an impulse P: it dies out as exp(-mu W_bb xi)."""
+    x = w_v * P / v
+    return b * exp(-law.mu * law.bb * P / v * (log(1.0 + x) / x if abs(x) > 1e-8 else 1.0)) if x > -1.0 else 0.0
 
 
 @compiled
@@ -286,7 +298,8 @@ def straight_leg(law, blow, c, s):
     if P_v == P:
         blow.a, blow.b = 0.0, 0.0
     elif not stick:
-        blow.a, blow.b = a + w_a * P, b + w_b * P
+        blow.a = a + w_a * P
+        blow.b = b + w_b * P if s != 0.0 or b == 0.0 else left_across(law, w_v, v, b, P)
     way = 0.0 if stick else P * (v + 0.5 * w_v * P)  # integral of the slip over P
     add(blow, P, t_a * P, (blow.b - b) / law.bb, -law.mu * way)
     return OTHER if law.both > 0.0 and blow.n_j == 0.0 and w_j < 0.0 else LEG
@@ -307,11 +320,9 @@ def begin_leg(law, blow, tol):
         blow.mode = STICK if holds else SLIP
         return 1.0 if law.na > 0.0 else -1.0, 0.0, False
     c, s = blow.a / v, blow.b / v
-    turns = not is_invariant(law, v, c, s, tol)
-    if turns or abs(s) > OFF_AXIS:
-        return c, s, turns
-    blow.B, blow.b = blow.B - blow.b / law.bb, 0.0  # the rest across the axis is none, and dies out
-    return copysign(1.0, c), 0.0, False
+    if not is_invariant(law, v, c, s, tol):
+        return c, s, True
+    return (copysign(1.0, c), 0.0, False) if abs(s) < OFF_AXIS else (c, s, False)
 
 
 @compiled
