@@ -20,14 +20,7 @@ from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, settled_near
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
-from dimersweep.orbits.manifold import (
-    REACH,
-    SlowMotion,
-    has_fast_part,
-    slow_direction,
-    slow_motion_near,
-    slow_motion_of,
-)
+from dimersweep.orbits.manifold import NEAR, SlowMotion, has_fast_part, slow_direction, slow_motion_near, slow_motion_of
 from dimersweep.orbits.newton import fixed_at, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, ReturnMap, first_found
@@ -189,7 +182,7 @@ def _step(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
         slow_motion = slow_motion_near(m, z, spin, near.matrix, near.gradient)
     else:
         slow_motion = slow_motion_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
-    if np.abs(slow_motion.z - z).max() > REACH:
+    if np.abs(slow_motion.z - z).max() > NEAR:
         raise OrbitLost("the next orbit lies aside of the family")
     orbit = on_family(m, slow_motion)
     return m.in_own_section(
@@ -207,7 +200,7 @@ def _run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
     for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
         with suppress(OrbitLost):
             slow_motion = slow_motion_near(there, z, spin, *there.jacobian(z))
-            if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= REACH:
+            if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= NEAR:
                 return on_family(there, slow_motion)
     raise OrbitLost("the run comes to no orbit")
 

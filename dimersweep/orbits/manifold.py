@@ -16,7 +16,7 @@ from dimersweep.orbits.newton import TOLERANCE, Fixed, newton, system
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, singular_lost
 
 APART = 0.05  # distance of the multipliers of the fast part from 1 below which it is no slower than the spin
-REACH = 0.05  # of the manifold from the fixed point, in units of the section
+NEAR = 0.05  # of the manifold from the fixed point, in units of the section
 WEIGHTS = 8.0  # of the points in a third difference, all together: the rounding of each counts so often
 
 
@@ -70,7 +70,7 @@ def lag(fixed: Fixed) -> np.ndarray:
     away = np.zeros(fixed.z.size)
     J = fixed.matrix[np.ix_(fast, fast)]
     away[fast] = -np.linalg.solve(np.eye(fast.size) - J, along[fast] * rate / m.unit)
-    return away if np.abs(away).max() <= REACH else np.zeros(fixed.z.size)
+    return away if np.abs(away).max() <= NEAR else np.zeros(fixed.z.size)
 
 
 def has_fast_part(fixed: Fixed) -> bool:
@@ -95,7 +95,7 @@ def slow_motion_of(fixed: Fixed) -> SlowMotion:
         slow_motion = slow_motion_near(fixed.map, fixed.z + lag(fixed), fixed.image.spin, fixed.matrix, fixed.gradient)
     except OrbitLost:
         return still
-    return slow_motion if np.abs(slow_motion.z - fixed.z).max() <= REACH else still
+    return slow_motion if np.abs(slow_motion.z - fixed.z).max() <= NEAR else still
 
 
 def slow_motion_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarray, gradient: np.ndarray) -> SlowMotion:
