@@ -1,9 +1,10 @@
 """What each constant of the kernel decides: ``python benchmarks/evidence/constants.py``.
 
 Each number that stands by itself in a file of the kernel is halved and doubled, one at a time, and the same runs are
-made: scenes of the whole model as a laboratory might build them, scenes over its whole domain, and long runs about the
-base case with their verdicts. All are made by one process: in a copy of the package the constants are read from memory,
-so that the kernel is compiled once. It takes half an hour.
+made: scenes of the whole model as a laboratory might build them, scenes over its whole domain, long runs about the base
+case with their verdicts, and the scenes of ``tests/data/stress.toml``, each of which once failed. All are made by one
+process: in a copy of the package the constants are read from memory, so that the kernel is compiled once. It takes half an
+hour. ``constants.md`` beside this program is what it has printed.
 """
 
 import argparse
@@ -49,11 +50,54 @@ for k in range(VALUES.size):
 
 HEAD = """# What the constants of the kernel decide
 
-`python benchmarks/evidence/constants.py` halves and doubles each of them, and makes the same {runs} runs each time.
-Columns: how many runs have other bits then; by how much their work changes, in hops of one end; by how much the errors
-of those with other bits change, over runs at `rtol` 1e-12; and how many statuses and modes are others. One that nothing
-notices guards against what these runs lack, or decides nothing.
+`python benchmarks/evidence/constants.py` halves and doubles each of them, and makes the same {runs} runs each time: random
+scenes over the whole model, long runs about the base case, and all scenes that once failed. The last column has what it
+notices, halved / doubled: runs with other bits; change of the work, in hops of one end; change of the errors of those runs
+with other bits, against runs at `rtol` 1e-12; other statuses; other modes. What none of these runs notices is a guard, with
+the reason why it stands. Places in arrays and codes are not listed, nor are numbers of mathematics (coefficients of
+elementary functions and of the one-step methods, which `tests/kernel` computes again).
 """
+CODES = ("LEAVES_CHART", "WIDTH")
+MATHEMATICS = ("numerics.elementary", "numerics.sincos", "numerics.tableaux", "numerics.collocation")
+# why a number stands that no run notices: by itself, or by what its name begins or ends with
+BOUND = "a bound: only what fails reaches it"
+WORK = "a measure of work, which bounds that of a run: `tests/data/budgets.toml`"
+GUARDS = {
+    "MAX_": BOUND,
+    "MOST_": BOUND,
+    "_COST": WORK,
+    "batch.STRETCH": "evidence: more of it tells the same",
+    "chatter.FLOOR": "round-off: `test_hops_of_round_off`",
+    "contact.contact_mode.": "round-off: `test_a_contact_does_not_go_round_at_one_moment`",
+    "contact.phase.LEAST_STEP": "a bound: a jam ends there, or is found before",
+    "contact.phase.BRAKED": "fast spins: `test_a_fast_spinning_dimer_keeps_its_balance`",
+    "contact.works.WORK_PARTS": "a bound on works alone: `tests/test_energy.py`",
+    "flight.landing.": "round-off, and fast axes: `tests/kernel/test_roots.py`",
+    "impact.expansion.ROUNDED_VELOCITY": "round-off, of slips far faster than the approach: `tests/data/stress.toml`",
+    "impact.impact.FINEST": "round-off, at an rtol below 1e-11: `tests/kernel/test_double_impact.py`",
+    "impact.impact.LEAST_SLIP": "round-off, at an rtol below 1e-11: `tests/kernel/test_double_impact.py`",
+    "impact.single_impact.OFF_AXIS": "two criteria agree there: `test_slip_near_the_axis_is_followed`",
+    "impact.single_impact.INVARIANT": "round-off: `tests/kernel/test_single_impact.py`",
+    "mean_path.ARCS": "accuracy of the path's radius: `tests/test_mean_path.py`",
+    "model.friction.LEAST_COSINE": "round-off, where an end is held to the sides only",
+    "model.plate.": "round-off, of what is known for good: `tests/kernel/test_plate.py`",
+    "sample.": "states between events: `tests/test_run.py`",
+    "smooth_motion.": "round-off, and works: `tests/test_energy.py`",
+    "verdict.": "the definition of a mode, a track or a double event: `tests/kernel/test_verdict.py`",
+    "numerics.root_bracket.": "the pace of a search, whose end is another: `tests/kernel/test_meter.py`",
+    "impact.": "round-off of impacts: `tests/kernel/test_double_impact.py`",
+    "event_loop.": "round-off: `tests/kernel/test_stress_cases.py`",
+    "contact.": "round-off: `tests/kernel/test_hard_cases.py`",
+    "chatter.": "round-off: `tests/kernel/test_chatter.py`",
+}
+
+
+def guard(file: str, name: str) -> str:
+    """Why a constant stands that no run notices."""
+    full = f"{file}.{name}"
+    return next(
+        (why for key, why in GUARDS.items() if full.startswith(key) or name.startswith(key) or name.endswith(key)), ""
+    )
 
 
 class Constant(NamedTuple):
@@ -86,7 +130,13 @@ def constants_of(tree: ast.Module) -> Iterator[tuple[str, float]]:
         pairs = zip(target.elts, node.value.elts, strict=True) if both else [(target, node.value)]
         for name, value in pairs:
             number = number_of(value)
-            if number is None or not isinstance(name, ast.Name) or abs(number) in (0, 1) or name.id.startswith("N_"):
+            if (
+                number is None
+                or not isinstance(name, ast.Name)
+                or abs(number) in (0, 1)
+                or name.id.startswith("N_")
+                or name.id in CODES
+            ):
                 continue
             if isinstance(number, float) or number > 3:
                 yield name.id, number
@@ -163,8 +213,10 @@ def make_copy(folder: Path) -> list[Constant]:
         lines = file.read_text().splitlines()
         for name, value in constants_of(tree):
             (line,) = (k for k, text in enumerate(lines) if re.match(rf"(\w+, )*{name}\b.* = ", text))
-            above = lines[line - 1] if lines[line - 1].startswith("#") else ""
-            meanings[module, name] = (lines[line].partition("  # ")[2] or above.removeprefix("# ")).replace("|", "/")
+            above: list[str] = []
+            while lines[line - 1 - len(above)].startswith("# "):
+                above.insert(0, lines[line - 1 - len(above)].removeprefix("# "))
+            meanings[module, name] = (lines[line].partition("  # ")[2] or " ".join(above)).replace("|", "/")
             if isinstance(value, float) or (name not in barred and name in bounds):
                 names[module, name] = value
     listed = list(names)
@@ -209,18 +261,22 @@ def battery(rtol: float) -> Answers:
     from dimersweep.kernel.batch import run_many
     from dimersweep.kernel.course import new_workspace
     from dimersweep.kernel.model.layout import N_CODES, N_OUT
-    from dimersweep.parameters import fill_rows
-    from tests.checks.random_scenes import Watch, rows_of
+    from dimersweep.parameters import Parameters, fill_rows
+    from tests.checks.data import data
+    from tests.checks.random_scenes import Watch, rows_of, scene_row
 
     rng = np.random.default_rng(7)
-    near, far = rows_of(0, 300, 7, "whole"), rows_of(1, 120, 7, "whole")
-    about = {"Gamma": rng.uniform(0.7, 1.6, 40), "e": rng.uniform(0.4, 0.8, 40), "beta0": rng.uniform(0.0, 0.6, 40)}
+    near, far = rows_of(0, 160, 7, "whole"), rows_of(1, 80, 7, "whole")
+    about = {"Gamma": rng.uniform(0.7, 1.6, 30), "e": rng.uniform(0.4, 0.8, 30), "beta0": rng.uniform(0.0, 0.6, 30)}
     from dimersweep.symbols import BASE
 
-    base = fill_rows({name: np.full(40, value) for name, value in BASE.items()} | about, 40)
+    base = fill_rows({name: np.full(30, value) for name, value in BASE.items()} | about, 30)
+    once = data("stress")
+    hard = [Parameters(**case["scene"]).row() for kind in ("mended", "jamming", "faint") for case in once[kind]]
+    hard += [scene_row(number, 11, "whole") for case in once["one_moment"] for number in case["numbers"]]
     space, found = new_workspace(), []
     watch = Watch(space, LONGEST)
-    for rows, periods, settle in ((near, 12, False), (far, 3, False), (base, 120, True)):
+    for rows, periods, settle in ((near, 12, False), (far, 3, False), (base, 120, True), (hard, 3, False)):
         for row in rows:
             watch.restart()
             out, codes = np.full((1, N_OUT), np.nan), np.zeros((1, N_CODES), np.int64)
@@ -237,16 +293,26 @@ def errors(found: Answers, exact: Answers) -> np.ndarray:
         return np.nan_to_num(np.abs(found.states - exact.states) / size, nan=1.0).max(axis=1)
 
 
-def measured(made: Answers, usual: Answers, exact: Answers) -> str:
-    """The columns of a change."""
+def measured(made: Answers, usual: Answers, exact: Answers) -> list[str]:
+    """What a change changes: bits, work, errors, statuses, modes."""
     alike = (made.states == usual.states) | (np.isnan(made.states) & np.isnan(usual.states))
     other = ~alike.all(axis=1) | (made.codes != usual.codes).any(axis=1)
     if not other.any():
-        return "| 0 | | | | "
+        return ["0"] * 5
     ratio = np.log((errors(made, exact)[other] + 1e-14) / (errors(usual, exact)[other] + 1e-14)).mean()
-    changed = (made.codes != usual.codes)[:, :2].sum(axis=0)
-    more = 100 * (made.work.sum() / usual.work.sum() - 1)
-    return f"| {other.sum()} | {more:+.1f} % | {100 * np.expm1(ratio):+.0f} % | {changed[0]} | {changed[1]} "
+    more, off = made.work.sum() / usual.work.sum() - 1, np.expm1(min(ratio, 20.0))
+    statuses, modes = (made.codes != usual.codes)[:, :2].sum(axis=0)
+    return [
+        str(other.sum()),
+        *(f"{share:+.1%}" if share < 10 else "> 10" for share in (more, off)),
+        str(statuses),
+        str(modes),
+    ]
+
+
+def asked(constants: list[Constant]) -> list[Constant]:
+    """Those that are in the table."""
+    return [each for each in constants if each.file and each.file not in MATHEMATICS]
 
 
 def ask(constants: list[Constant], parts: list[str], rtol: float) -> None:
@@ -255,20 +321,22 @@ def ask(constants: list[Constant], parts: list[str], rtol: float) -> None:
 
     exact, usual = battery(1e-12), battery(rtol)
     print(HEAD.format(runs=len(usual.work)), end="", flush=True)
-    before = ""
+    before, listed = "", asked(constants)
     for k, (file, name, value, meaning) in enumerate(constants):
-        if not file or (parts and not any(part in f"{file}.{name}" for part in parts)):
+        if constants[k] not in listed or (parts and not any(part in f"{file}.{name}" for part in parts)):
             continue
         if file != before:
-            print(f"\n## {file}\n\n| constant | value | what it is | | bits | work | error | status | mode |")
-            print("|---|---|---|---|---|---|---|---|---|")
+            print(f"\n## {file}\n\n| constant | value | what it decides | what notices it |")
+            print("|---|---|---|---|")
             before = file
-        cells = []
+        found = []
         for factor in (0.5, 2.0):
             VALUES[k] = value * factor if isinstance(value, float) else max(1, int(value * factor))
-            cells.append(measured(battery(rtol), usual, exact))
+            found.append(measured(battery(rtol), usual, exact))
             VALUES[k] = value
-        print(f"| {name} | {value} | {meaning} | /2 {cells[0]}|\n| | | | x2 {cells[1]}|", flush=True)
+        names = ("bits", "work", "errors", "statuses", "modes")
+        pairs = ", ".join(f"{told} {a} / {b}" for told, a, b in zip(names, *found, strict=True) if {a, b} != {"0"})
+        print(f"| {name} | {value} | {meaning} | {pairs or guard(file, name)} |", flush=True)
 
 
 def main() -> None:
