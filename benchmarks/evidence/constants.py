@@ -71,6 +71,7 @@ GUARDS = {
     "contact.contact_mode.": "round-off: `test_a_contact_does_not_go_round_at_one_moment`",
     "contact.phase.LEAST_STEP": "a bound: a jam ends there, or is found before",
     "contact.phase.BRAKED": "fast spins: `test_a_fast_spinning_dimer_keeps_its_balance`",
+    "contact.phase.SOON": "jams: `test_a_slip_that_jams_is_stopped`",
     "contact.works.WORK_PARTS": "a bound on works alone: `tests/test_energy.py`",
     "flight.landing.": "round-off, and fast axes: `tests/kernel/test_roots.py`",
     "impact.expansion.ROUNDED_VELOCITY": "round-off, of slips far faster than the approach: `tests/data/stress.toml`",

@@ -7,8 +7,16 @@ from dimersweep.kernel.contact import coordinates, events, step_control
 from dimersweep.kernel.contact.contact_mode import MOMENT
 from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, Y, set_slip, slip_of
 from dimersweep.kernel.contact.events import GOES_ON, JAM, LANDING, OUT_OF_STEPS, least_value, motion_rate
-from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, N_F
-from dimersweep.kernel.contact.step_control import IMPLICIT, PLAIN_METHOD, RESCALED, TIGHT, Phase, stiffness
+from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, N_F, contact_rates
+from dimersweep.kernel.contact.step_control import (
+    IMPLICIT,
+    PLAIN_METHOD,
+    RESCALED,
+    SLIP_CHANGE,
+    TIGHT,
+    Phase,
+    stiffness,
+)
 from dimersweep.kernel.contact.works import settle_works, works_to_slip_end
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.layout import FREE, SLIP
@@ -23,6 +31,8 @@ MAX_CHARTS = 20000  # changes of the chart in a phase
 LEAST_STEP = 1e-14
 PLAIN_LEAST_TURN = 0.02  # time in which the slip turns, in forcing periods, below which the plain method is left
 FALLING = 0.15  # rate of slip, in units of -gamma, from which the rescaled method takes it
+# rate at which the compliance falls, in units of itself and of gamma / v, that calls for the rescaled method
+SOON = 0.1
 BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
 PHASE_TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
 LONGEST_STEP = 0.25  # longest step, in forcing periods
@@ -186,7 +196,7 @@ def choose_step(p):
 
 @compiled(inline=True)
 def method_for(p):
-    """The method that suits the slip as it changes, and as it may jam.
+    """The method that suits the slip as it changes, and as it may jam soon.
 
     A fast spin loads one of two slipping ends by J_a spin theta' / l, and what it rubs then brakes theta' at the rate
     mu spin J_a / J_t, which may be stiff.
@@ -196,8 +206,20 @@ def method_for(p):
         braked = max(dm.p1.mu, dm.p2.mu) * abs(p.b.start.y[Y.spin]) * dm.J_a * dm.it
     if v >= PLAIN_LEAST_TURN * dm.period * gamma:  # the slip turns slowly, or has no direction to turn (v is inf)
         return IMPLICIT if braked * dm.period > BRAKED else PLAIN_METHOD
-    tight = v > 0.0 and p.b.start.F[COMPLIANCE] <= TIGHT
-    return RESCALED if tight or (p.control.speed_rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
+    return RESCALED if jams_soon(p) or (p.control.speed_rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
+
+
+@compiled(inline=True)
+def jams_soon(p):
+    """Whether the compliance falls to zero as fast as the slip turns."""
+    start, probe, v = p.b.start, p.b.probe, p.control.speed
+    if start.F[COMPLIANCE] > TIGHT or not 0.0 < v < inf:
+        return False
+    t = SLIP_CHANGE * v / p.control.stiffness
+    for k in range(N_CLOSED):
+        probe.y[k] = start.y[k] + t * start.dy[k]
+    contact_rates(p.dm, p.modes, p.control.now + p.dm.omega * t, probe.y, False, probe.dy, probe.F)
+    return start.F[COMPLIANCE] - probe.F[COMPLIANCE] > SOON * SLIP_CHANGE * start.F[COMPLIANCE]
 
 
 @compiled(inline=True)
