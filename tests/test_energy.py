@@ -169,7 +169,7 @@ PATCHES = {  # changed lines of the kernel, and the bounds of the closure of a b
     "a wrong impulse": ("impact/impact.py", {"state[WB] += (": "state[WB] += 1.00001 * ("}, (1e-7, 1.0)),
     "a wrong torque": (
         "contact/forces.py",
-        {"push, roll, spun = it *": "push, roll, spun = 1.00001 * it *"},
+        {"push, roll, spun = dm.it *": "push, roll, spun = 1.00001 * dm.it *"},
         (1e-7, 1.0),
     ),
 }

@@ -106,7 +106,8 @@ def test_ends_of_their_own_take_the_place_of_what_the_guess_has(base):
 def test_a_planar_orbit_stays_in_its_plane():
     plane = orbits.find(spin=0.0)
     assert plane.radius == plane.period == np.inf
-    assert plane.precession_rate == plane.spin == 0.0
+    assert plane.precession_rate == 0.0
+    assert abs(plane.spin) < 1e-30  # it begins beside the plane; what is left dies out from impact to impact
     assert plane.zeta == pytest.approx(np.pi)  # it drifts towards the end that is down
     run = simulate(xdot0=0.0, periods=300, rtol=1e-11)
     assert plane.speed == pytest.approx(run.orbit.speed, rel=1e-6)

@@ -124,7 +124,8 @@ class Tangents:
         """
         pairs = [self._derivative(place, modes, direction) for direction in directions]
         scale = _density(image) / _density(place) if len(directions) == N_MOST else 1.0
-        columns = _less_turn(np.array([column for column, _ in pairs]).T, image)
+        columns = np.array([column for column, _ in pairs]).reshape(-1, N_PLACE).T  # there may be none
+        columns = _less_turn(columns, image)
         return scale * columns, BY_CHANCE * scale * np.array([error for _, error in pairs])
 
     def _derivative(self, place: np.ndarray, modes: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, float]:
