@@ -126,3 +126,17 @@ def test_the_end_of_what_a_parameter_may_be_is_no_border(kind, parameter, over, 
     told = f"no end of stability was found; the orbit is stable up to {end}, the end of its range"
     with pytest.raises(OrbitError, match=told):
         orbits.border(kind, parameter, over=over, **given)
+
+
+def test_where_the_end_of_stability_passes_to_another_kind_is_located():
+    dimer = random_dimer(1) | {"mu_s": 0.4}
+    del dimer["mu"]
+    ends = orbits.border("stable_to", "Gamma", over={"mu": [0.2, 0.22]}, **dimer)
+    assert ends["ends_by"].values.tolist() == ["flip", "chatter"]
+    assert ends["meets"].values.tolist() == ["flip-chatter"]
+    mu, Gamma = (float(ends[f"{name}_at_meeting"].item()) for name in ("mu", "Gamma"))
+    assert 0.2 < mu < 0.22
+    for by, kind in ((-1e-4, "flip"), (1e-4, "chatter")):
+        end = orbits.border("stable_to", "Gamma", over={"mu": [mu + by]}, **dimer).isel(mu=0)
+        assert end["ends_by"] == kind
+        assert float(end["Gamma"]) == pytest.approx(Gamma, abs=1e-3)

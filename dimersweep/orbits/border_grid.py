@@ -306,7 +306,7 @@ def _located(
     def is_beyond(at: float) -> bool:
         if at == start:
             return False
-        point = curve.point(given | {name: at}, below[-1:], None)
+        point = curve.point(given | {name: at}, [] if curve.alone else below[-1:], None)
         met = meets in meetings(curve.kind, below[-1], point)
         (beyond if met else below).append(point)
         return met
