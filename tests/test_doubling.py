@@ -64,7 +64,7 @@ def test_the_orbit_of_twice_the_period_leaves_the_flip_as_its_coefficient_says(e
     values, vectors = np.linalg.eig(beyond.jacobian(one)[0])
     k = int(np.argmin(np.abs(values + 1)))
     v, away = vectors[:, k].real, -1 - values[k].real
-    x = np.sqrt(away / flip.doubling)
+    x = np.sqrt(away / flip.begin.doubling)
     twice = replace(beyond, periods=2)
     two = fixed_point(twice, one + x * v)
     apart = 0.5 * np.linalg.norm(two - beyond.image(two).point)

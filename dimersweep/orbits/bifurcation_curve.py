@@ -7,16 +7,15 @@ difference of two images, whatever the number of coordinates. From one point of 
 """
 
 from contextlib import suppress
-from dataclasses import replace
-from functools import partial
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
 from dimersweep.orbits.branch import Axis, Point
 from dimersweep.orbits.continuation import SEARCHING, steps
 from dimersweep.orbits.curve import Curve, Found, crossings
-from dimersweep.orbits.kinds import Bifurcation
+from dimersweep.orbits.kinds import Bifurcation, change_of
 from dimersweep.orbits.manifold import eigenvector
 from dimersweep.orbits.newton import TOLERANCE, fixed_at, newton
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
@@ -35,7 +34,8 @@ WIDTHS = (3e-3, 1e-3)
 AGREE = 0.02
 
 
-class OnBorder(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class OnBorder:
     """A point of a border, and what the next one begins with."""
 
     map: ReturnMap  # of the fast part alone
@@ -44,11 +44,20 @@ class OnBorder(NamedTuple):
     normal: np.ndarray  # the eigenvector's product with it is 1, shape (n,)
     derivative: np.ndarray | None = None  # of the system by y, where it is still of use
     residual: float = 0.0  # how far the orbit fails to close, in units of the section
+    matrix: np.ndarray | None = None  # J, shape (n, n)
 
     @property
     def z(self) -> np.ndarray:
         """Section point."""
         return self.y[: self.normal.size]
+
+    @cached_property
+    def doubling(self) -> float:
+        """Of a flip, its coefficient, see `doubling`; NaN if the map cannot be taken beside the point."""
+        assert self.matrix is not None
+        with suppress(OrbitLost):
+            return doubling(self.map, self.z, self.matrix)
+        return float("nan")
 
 
 def rotation(value: complex, rows: int) -> np.ndarray:
@@ -81,26 +90,24 @@ class BorderEquations:
         """Of all equations by u; from the images around the point and J, if they are known."""
         z, V, unknown, m = self.parts(u)
         beside, J = images_around(m, z) if around is None else around
-        n, step = self.n, m.step
+        n, end, step, one = self.n, self.n * (1 + self.rows), m.step, np.eye(self.rows)
         ahead, back = (self.axis.map_at(m, u[-1] + by * step) for by in (1, -1))
         here, moved = m.image(z).point, ahead.image(z).point
+
+        def along(own: ReturnMap, at: np.ndarray, image: np.ndarray) -> np.ndarray:
+            """How far the image goes over a step along each row of the eigenvector, one after the other."""
+            return np.ravel([own.image(at + step * v).point - image for v in V])
+
         A = np.zeros((u.size, u.size))
         A[:n, :n] = J - np.eye(n)
         A[:n, -1] = (moved - back.image(z).point) / (2 * step)
-        eigen = slice(n, n * (1 + self.rows))  # the equations of the eigenvector, and its rows among the unknowns
-        A[eigen, eigen] = np.kron(np.eye(self.rows), J) - np.kron(
-            rotation(self.kind.multiplier(unknown), self.rows), np.eye(n)
-        )
-        for k, v in enumerate(V):
-            rows = slice(n * (1 + k), n * (2 + k))
-            along = m.image(z + step * v).point - here
-            for i, d in enumerate(step * np.eye(n)):
-                A[rows, i] = (m.image(z + d + step * v).point - beside[i] - along) / step**2
-            A[rows, -1] = (ahead.image(z + step * v).point - moved - along) / step**2
-            A[eigen.stop + k, rows] = self.normal
+        others = [along(m, z + d, image) for d, image in zip(step * np.eye(n), beside, strict=True)]
+        A[n:end, [*range(n), -1]] = (np.array([*others, along(ahead, z, moved)]) - along(m, z, here)).T / step**2
+        A[n:end, n:end] = np.kron(one, J) - np.kron(rotation(self.kind.multiplier(unknown), self.rows), np.eye(n))
         if unknown.size:
-            A[eigen, eigen.stop] = -(rotation(self.kind.slope(unknown), self.rows) @ V).ravel()
-        A[eigen] *= self.weight
+            A[n:end, end] = -(rotation(self.kind.slope(unknown), self.rows) @ V).ravel()
+        A[n:end] *= self.weight
+        A[end : end + self.rows, n:end] = np.kron(one, self.normal)
         return A
 
     def solved(self, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
@@ -236,11 +243,8 @@ class BifurcationCurve(Curve, of=Bifurcation):
         if not fast.size or np.abs(self.kind.away(fast)).min() > KINK:
             raise OrbitLost(f"the map has a kink where a {self.kind.name} is looked for")
         orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
-        found = Found(orbit, float(at.y[-1] * self.axis.scale), at, loses=self.kind.is_all(fast))
-        if self.kind.doubles:
-            with suppress(OrbitLost):
-                return found._replace(doubling=doubling(at.map, at.z, matrix))
-        return found
+        value = float(at.y[-1] * self.axis.scale)
+        return Found(orbit, value, replace(at, matrix=matrix), loses=self.kind.is_all(fast))
 
     def system(self, m: ReturnMap, near: Found) -> BorderEquations:
         return BorderEquations(self.kind, self.axis, m, near.begin.normal)
@@ -248,8 +252,14 @@ class BifurcationCurve(Curve, of=Bifurcation):
     def made(self, u: np.ndarray, extra: ReturnMap, near: Found) -> Found:
         return self.at(OnBorder(extra, u, near.begin.normal))
 
+    def state(self, found: Found) -> str:
+        return found.orbit.sequence
+
+    def passed(self, before: str, after: str) -> str:
+        return f"{self.kind.name}-{change_of(before, after).name}"
+
     def tests(self, found: Found) -> dict[str, float]:
-        return crossings(self.kind, found.orbit) | ({DOUBLED_FOLD: found.doubling} if self.kind.doubles else {})
+        return crossings(self.kind, found.orbit) | ({DOUBLED_FOLD: found.begin.doubling} if self.kind.doubles else {})
 
     def is_sure(self, found: Found) -> bool:
         """Where a stable orbit loses its stability."""

@@ -1,8 +1,8 @@
 """Curves of borders over other parameters, and where they meet other borders."""
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import suppress
-from heapq import heappop, heappush
 from itertools import groupby, product, takewhile
 from typing import Any
 
@@ -10,14 +10,10 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import KernelError, OrbitError, ParameterError
-from dimersweep.inputs import as_numbers, check_rtol, number
 from dimersweep.orbits import bifurcation_curve, sequence_curve, stability_end  # noqa: F401 - they enter the curves of all kinds
-from dimersweep.orbits.continuation import halved
-from dimersweep.orbits.curve import Curve, Found, crossings, shortened
-from dimersweep.orbits.finding import RTOL, checked, checked_spin
-from dimersweep.orbits.kinds import BORDER_KINDS, Kind, change_of
-from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset
-from dimersweep.parameters import check_effect, check_name
+from dimersweep.orbits.curve import Curve, Found, Place, asked, shortened
+from dimersweep.orbits.finding import RTOL
+from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.symbols import PARAMETERS
 
 Index = tuple[int, ...]  # of a point of a grid: its number along each axis
@@ -49,19 +45,19 @@ class Walk:
     there.
     """
 
-    def __init__(self, curve: Curve, axes: dict[str, np.ndarray], start: PeriodicOrbit | None) -> None:
-        self.curve, self.axes, self.start = curve, axes, start
+    def __init__(self, curve: Curve, start: PeriodicOrbit | None) -> None:
+        self.curve, self.axes, self.start = curve, curve.over, start
         self.found: dict[Index, Found] = {}
         self.begun_at: dict[Index, Index] = {}  # for each point that is found, the one from which it was followed
         self.status: dict[Index, str] = {}
-        self.shape = tuple(column.size for column in axes.values())
-        self.order = {index: n for n, index in enumerate(outwards(self.shape))}
-        # what is to be looked for from a neighbour, the nearest first: distance, place in the order, point, axis and side
-        self.waiting: list[tuple[float, int, Index, int, int]] = []
-        self.steps = [np.abs(np.diff(column)) / np.abs(column).max() for column in axes.values()]
-        self.fine = int(np.argmin([steps.min(initial=np.inf) for steps in self.steps]))
+        self.shape = tuple(column.size for column in self.axes.values())
+        # what is to be looked for from a neighbour, along the lines and across them: point, axis and side
+        self.along: deque[tuple[Index, int, int]] = deque()
+        self.across: deque[tuple[Index, int, int]] = deque()
+        steps = (np.abs(np.diff(column)) / np.abs(column).max() for column in self.axes.values())
+        self.fine = int(np.argmin([each.min(initial=np.inf) for each in steps]))
         if curve.alone:
-            for index in self.order:
+            for index in outwards(self.shape):
                 self._try(index, [])
             return
         for first in outwards(tuple(1 if k == self.fine else n for k, n in enumerate(self.shape))):
@@ -82,19 +78,12 @@ class Walk:
                 self._follow(across=False)
 
     def _follow(self, across: bool) -> None:
-        """Look for the neighbours of what has been found, the nearest first, along the lines only or also across them."""
-        later = []
-        while self.waiting:
-            one = heappop(self.waiting)
-            *_, point, axis, side = one
-            if point in self.found:
-                continue
-            if across or axis == self.fine:
+        """Look for the neighbours of what has been found, along the lines only or, after these, across them, too."""
+        while self.along or (across and self.across):
+            point, axis, side = (self.along or self.across).popleft()
+            if point not in self.found:
                 beside = (_moved(point, axis, by * side) for by in (1, 2, 3))
                 self._try(point, list(takewhile(self.found.__contains__, beside)))
-            else:
-                later.append(one)
-        self.waiting = sorted(later)
 
     def _try(self, index: Index, near: list[Index]) -> None:
         """Look for a point from its neighbours, or by itself without any, and where that may be another one."""
@@ -114,16 +103,16 @@ class Walk:
     def _enter(self, index: Index, found: Found, source: Index) -> None:
         """Enter a point that is found, and have its neighbours looked for."""
         self.found[index], self.begun_at[index] = found, source
-        for k, steps in enumerate(self.steps):
-            for side in (-1, 1):
-                other = _moved(index, k, -side)
-                if other in self.order and other not in self.found:
-                    step = round(steps[min(other[k], index[k])], 9)
-                    heappush(self.waiting, (step, self.order[other], other, k, side))
+        for k, side in product(range(len(index)), (-1, 1)):
+            other = _moved(index, k, -side)
+            if 0 <= other[k] < self.shape[k]:
+                (self.along if k == self.fine else self.across).append((other, k, side))
 
     def _point(self, index: Index, near: Sequence[Index] = ()) -> Found:
-        values = {name: float(column[k]) for (name, column), k in zip(self.axes.items(), index, strict=True)}
-        return self.curve.point(values, [self.found[at] for at in near], self.start)
+        return self.curve.point(self._values(index), [self.found[at] for at in near], self.start)
+
+    def _values(self, index: Index) -> dict[str, float]:
+        return {name: float(column[k]) for (name, column), k in zip(self.axes.items(), index, strict=True)}
 
     # --- whether points that were followed are those that are found by themselves --------------------------------------
 
@@ -150,9 +139,17 @@ class Walk:
                 del self.found[at], self.begun_at[at]
         self._enter(end, alone, end)
 
+    def meetings(self) -> Iterator[tuple[Place, str]]:
+        """Where the curve meets other borders along the last axis."""
+        places = {at: Place(self.curve, one, np.array([*self._values(at).values()])) for at, one in self.found.items()}
+        for at, a in places.items():
+            if b := places.get(_moved(at, len(at) - 1, 1)):
+                known = MEETING * max(1.0, abs(b.y[-1])) / (abs(b.y[-1] - a.y[-1]) or 1.0)
+                yield from a.special(b, known)
+
     def told(self) -> dict[Index, str]:
         """The status of each point: of those that are found, and why the others are not."""
-        lacking = {index: self.status.get(index, "no neighbour was found") for index in self.order}
+        lacking = {index: self.status.get(index, "no neighbour was found") for index in outwards(self.shape)}
         return lacking | {index: self.curve.status(one) for index, one in self.found.items()}
 
 
@@ -221,7 +218,7 @@ def border(
         normal form: where it is positive a stable orbit of twice the period begins, where it is negative an unstable one ends.
         Of stable_from and stable_to also `ends_by`, the kind of border there. Of a change of sequence also `change`, the
         symbols that go and come: it may differ from point to point.
-        Along `meeting`: where the curve meets another border, with its `meets`.
+        Along `meeting`: where the curve meets another border along its last axis, with its `meets`; located to 1e-6.
 
     Raises
     ------
@@ -237,91 +234,17 @@ def border(
     >>> fold["Gamma"].values.round(3).tolist()
     [0.837, 0.787]
     """
-    given, axes = _checked(kind, parameter, over, fixed)
-    rtol = check_rtol(rtol)
-    spin = checked_spin(spin, given)
-    border = BORDER_KINDS[kind]
-    walk = Walk(border.curve(border, parameter, given, spin, rtol), axes, start)
+    walk = Walk(asked(kind, parameter, over, spin, rtol, fixed), start)
     if not walk.found:
         raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.told().values()))}")
     return _dataset(walk)
 
 
-def _checked(
-    kind: str, parameter: str, over: Mapping[str, Any], fixed: dict[str, float]
-) -> tuple[dict[str, float], dict[str, np.ndarray]]:
-    """All parameters, and the axes; refuses what is not allowed."""
-    if kind not in BORDER_KINDS:
-        raise ParameterError(f"kind = {kind!r}: unknown border (allowed: {', '.join(BORDER_KINDS)})")
-    check_name(parameter)
-    if not isinstance(over, Mapping) or not over:
-        raise ParameterError(f"over = {over!r}: must name at least one parameter with its values")
-    axes = {}
-    for name, values in over.items():
-        check_name(name)
-        if name == parameter or name in fixed:
-            raise ParameterError(f"over: {name} is given twice")
-        axes[name] = as_numbers(name, values, number, PARAMETERS[name].units)
-        if not axes[name].size:
-            raise ParameterError(f"over: {name} has no values")
-    check_effect({parameter, *axes, *fixed})
-    for name, column in axes.items():
-        for value in column:
-            checked(fixed | {name: float(value)})
-    return checked(fixed | {name: float(values[0]) for name, values in axes.items()}), axes
-
-
-def meetings(kind: Kind, a: Found, b: Found) -> list[str]:
-    """Names of the borders that a curve meets between two of its points."""
-    if a.by is not None and b.by is not None:
-        return [f"{a.by.name}-{b.by.name}"] if a.by is not b.by else []
-    first, second = crossings(kind, a.orbit), crossings(kind, b.orbit)
-    names = [name for name in first if first[name] * second[name] < 0]
-    sequences = a.orbit.sequence, b.orbit.sequence
-    if sequences[0] != sequences[1] and kind.rows:
-        names.append(f"{kind.name}-{change_of(*sequences).name}")
-    return names
-
-
-def _meetings(walk: Walk) -> Iterator[dict[str, Any]]:
-    """Where the curve meets other borders along its last axis."""
-    *others, last = walk.axes
-    curve = walk.curve
-    for index, one in walk.found.items():
-        after = (*index[:-1], index[-1] + 1)
-        if after in walk.found:
-            given = {name: float(walk.axes[name][k]) for name, k in zip(others, index, strict=False)}
-            ends = [float(walk.axes[last][k]) for k in (index[-1], after[-1])]
-            for meets in meetings(curve.kind, one, walk.found[after]):
-                at, value = _located(curve, meets, given, last, dict(zip(ends, (one, walk.found[after]), strict=True)))
-                yield given | {last: at, curve.parameter: value, "meets": meets}
-
-
-def _located(
-    curve: Curve, meets: str, given: dict[str, float], name: str, ends: dict[float, Found]
-) -> tuple[float, float]:
-    """Where a curve meets another border between two of its points, along one parameter: that, and the one solved for."""
-    (start, end), (below, beyond) = ends, ([point] for point in ends.values())
-
-    def is_beyond(at: float) -> bool:
-        if at == start:
-            return False
-        point = curve.point(given | {name: at}, [] if curve.alone else below[-1:], None)
-        met = meets in meetings(curve.kind, below[-1], point)
-        (beyond if met else below).append(point)
-        return met
-
-    low, high = halved(is_beyond, start, end, MEETING * max(1.0, abs(end)))
-    return 0.5 * (low + high), 0.5 * (below[-1].value + beyond[-1].value)
-
-
 def _dataset(walk: Walk) -> xr.Dataset:
     curve, axes, rows = walk.curve, walk.axes, list(walk.found.values())
-    columns: dict[str, Column] = {
-        "cost": ([one.cost for one in rows], "forcing periods of the map that the point took"),
-        curve.parameter: ([one.value for one in rows], PARAMETERS[curve.parameter]),
-    }
-    table = dataset([one.orbit for one in rows], "found", columns | curve.columns(rows))
+    cost = {"cost": ([one.cost for one in rows], "forcing periods of the map that the point took")}
+    met = list(walk.meetings())
+    table = curve.table(rows, "found", cost | curve.columns(rows))
     at = tuple(np.array(list(walk.found)).T)
     result = xr.Dataset(coords={name: (name, values, PARAMETERS[name].attributes()) for name, values in axes.items()})
     for name, column in table.data_vars.items():
@@ -331,15 +254,12 @@ def _dataset(walk: Walk) -> xr.Dataset:
     told = walk.told()
     said = [told[index] for index in np.ndindex(walk.shape)]
     result["status"] = (tuple(axes), np.reshape(said, walk.shape), {"long_name": FOUND_HOW})
-    met = list(_meetings(walk))
-    for name in (*axes, curve.parameter):
+    where = np.array([[*place.y, place.found.value] for place, _ in met]).reshape(-1, len(axes) + 1)
+    for name, places in zip((*axes, curve.parameter), where.T, strict=True):
         units = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet").attributes()
-        result[f"{name}_at_meeting"] = ("meeting", np.array([row[name] for row in met], dtype=float), units)
-    names = np.array([row["meets"] for row in met], dtype=str)
+        result[f"{name}_at_meeting"] = ("meeting", places, units)
+    names = np.array([name for _, name in met], dtype=str)
     result["meets"] = ("meeting", names, {"long_name": "the two borders that meet"})
     fixed = {name: value for name, value in curve.given.items() if name not in (*axes, curve.parameter)}
-    result.attrs = fixed | {
-        "kind": curve.kind.name, "parameter": curve.parameter, "spin": curve.spin, "rtol": curve.rtol,
-        "cost": curve.recorder.periods,
-    }  # fmt: skip
-    return result
+    about = {name: table.attrs[name] for name in ("kind", "parameter", "spin", "cost")}
+    return result.assign_attrs(fixed | about | {"rtol": curve.rtol})

@@ -1,7 +1,7 @@
 """Curves of solutions: steps along them in pseudo-arclength, and where something is zero or changes in a step.
 
 What is followed has points that know their neighbours: those of a branch of orbits (`branch.Point`), or of a border in the
-plane of two parameters (`plane_curve.Place`). A step goes along the tangent, and back to the curve on the plane across it
+plane of two parameters (`plane_curve.InPlane`). A step goes along the tangent, and back to the curve on the plane across it
 (Keller; Kuznetsov, doi 10.1007/978-3-031-22007-4, section 10.2).
 """
 
@@ -36,23 +36,22 @@ FOLLOWING = StepLengths(0.02, 0.25, 1e-6, 1.3, 1_000_000)  # its points are what
 SEARCHING = StepLengths(0.1, 0.1, 1e-5, 1.5, 120)  # what is asked for lies between its points
 
 
-class OnCurve(Protocol):
-    """A point of a curve: one equation less than unknowns, the last of which is a parameter over its scale.
-
-    Attributes
-    ----------
-    y, tangent : ndarray, shape (n + 1,)
-        All unknowns; of length one, in the sense of the curve.
-    """
+class OnPlanes(Protocol):
+    """A point of a curve from which others nearby are found; `y` has all unknowns, shape (n + 1,)."""
 
     @property
     def y(self) -> np.ndarray: ...
 
-    @property
-    def tangent(self) -> np.ndarray: ...
-
     def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
         """The point on the plane through `y` across `normal`, in the section of this one; lost if there is none nearby."""
+
+
+class OnCurve(OnPlanes, Protocol):
+    """A point of a curve: one equation less than unknowns, the last of which is a parameter over its scale."""
+
+    @property
+    def tangent(self) -> np.ndarray:
+        """Of length one, in the sense of the curve, shape (n + 1,)."""
 
     def judge(self, to: Self, step: float) -> None:
         """Refuse a step to another point, as `on_plane` does, that is too long for what lies between."""
@@ -65,6 +64,7 @@ class OnCurve(Protocol):
 
 
 P = TypeVar("P", bound=OnCurve)
+Q = TypeVar("Q", bound=OnPlanes)
 
 
 def steps(begin: P, lengths: StepLengths, window: tuple[float, ...] = ()) -> Iterator[tuple[P, P, float | None]]:
@@ -128,21 +128,24 @@ def _at_edge(near: P, y: np.ndarray, ahead: np.ndarray, edge: float) -> P:
     return near.on_plane(at, np.eye(at.size)[-1])
 
 
-class Between(dict[float, P]):
-    """The points of a step by their share of the way, on planes across it, each of them found once."""
+class Between(dict[float, Q]):
+    """The points of a step by their share of the way, on planes across it, each found once, from the nearer end."""
 
-    def __init__(self, a: P, b: P) -> None:
+    def __init__(self, a: Q, b: Q) -> None:
         super().__init__({0.0: a, 1.0: b})
         self.way = b.y - a.y
         self.length = float(np.linalg.norm(self.way))
 
-    def __missing__(self, share: float) -> P:
-        near = self[0.0] if share < 0.5 else self[1.0]
-        self[share] = near.on_plane(self[0.0].y + share * self.way, self.way / self.length)
+    def __missing__(self, share: float) -> Q:
+        self[share] = self.near(share).on_plane(self[0.0].y + share * self.way, self.way / self.length)
         return self[share]
 
+    def near(self, share: float) -> Q:
+        """The point from which that at a share is found."""
+        return self[0.0] if share < 0.5 else self[1.0]
 
-def zero(at: Between[P], test: Callable[[P], float], known: float) -> float | None:
+
+def zero(at: Between[Q], test: Callable[[Q], float], known: float) -> float | None:
     """The share of a step, so well `known`, at which a test function that changes its sign is zero.
 
     None if it leaps over zero, or a point is not found.

@@ -1,23 +1,28 @@
 """A border as a curve: how its points are found on branches of orbits, and how steps lead from one point to the next."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import takewhile
 from math import pi
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
+import xarray as xr
 
-from dimersweep.errors import OrbitError
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.inputs import as_numbers, check_rtol, number
 from dimersweep.orbits.branch import Axis, Point, point_of
-from dimersweep.orbits.finding import orbit_at
+from dimersweep.orbits.continuation import Between, Q, halved, zero
+from dimersweep.orbits.finding import checked, checked_spin, orbit_at
 from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, Kind, ball_flip, ball_fold
-from dimersweep.orbits.orbit import DOUBLING, Column, PeriodicOrbit
+from dimersweep.orbits.orbit import DOUBLING, Column, PeriodicOrbit, dataset
 from dimersweep.orbits.passage import Sides, far_ends
 from dimersweep.orbits.poincare import OrbitLost, Recorder, ReturnMap
-from dimersweep.parameters import value_of
+from dimersweep.orbits.specials import MOST_CHANGES
+from dimersweep.parameters import check_effect, check_name, value_of
+from dimersweep.symbols import PARAMETERS
 
 STATUS_LENGTH = 100  # of a status at most
 HALVINGS = 4  # of a step from one point of a curve to the next
@@ -32,9 +37,8 @@ class Found(NamedTuple):
     # of a change of sequence: how the sequences on its two sides differ; none where a branch goes to pieces
     sides: Sides | None = None
     loses: bool = False  # whether a stable orbit loses its stability there
-    by: Kind | None = None  # of an end of stability: the kind of border that ends it
+    by: str = ""  # of an end of stability: the kind of border that ends it
     others: "tuple[Found, ...]" = ()  # of a change of sequence: those that the motion has at other values of the parameter
-    doubling: float = float("nan")  # of a flip: its coefficient, see `doubling`
     cost: float = 0.0  # forcing periods of the map that it took
 
     @property
@@ -75,6 +79,7 @@ class Curve(ABC):
     spin: float  # axial spin [rad/s]
     rtol: float  # accuracy of the map
     recorder: Recorder = field(default_factory=Recorder)
+    over: dict[str, np.ndarray] = field(default_factory=dict)  # values of the other parameters that are asked for
 
     def __init_subclass__(cls, of: type[Kind]) -> None:
         of.curve = cls
@@ -91,7 +96,7 @@ class Curve(ABC):
         that of a start or of orbits at these values.
         """
         spent, given = self.recorder.periods, self.given | values
-        if near:
+        if near and not self.alone:
             found = self._stepped(given, near)
         else:
             found = self._first(given, start)
@@ -108,10 +113,25 @@ class Curve(ABC):
         """Whether a point that was found from a neighbour would be found by itself, too."""
         return True
 
+    def state(self, found: Found) -> str:
+        """What changes at once where the curve meets another border, if anything does."""
+        return found.by
+
+    def passed(self, before: str, after: str) -> str:
+        """The names of the borders that meet where the state changes."""
+        return f"{before}-{after}"
+
+    def table(self, found: Collection[Found], dim: str, more: Mapping[str, Column]) -> xr.Dataset:
+        """A table of points along `dim`, with `more` columns."""
+        solved = {self.parameter: ([one.value for one in found], PARAMETERS[self.parameter])}
+        table = dataset([one.orbit for one in found], dim, solved | dict(more))
+        about = {"kind": self.kind.name, "parameter": self.parameter, "spin": self.spin}
+        return table.assign_attrs(about | {"cost": self.recorder.periods})
+
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
         """What a table of points of this kind says more: whether stability is lost there, and the coefficient of a flip."""
         loses = {"loses_stability": ([one.loses for one in found], "whether a stable orbit loses its stability there")}
-        return loses | ({"doubling": ([one.doubling for one in found], DOUBLING)} if self.kind.doubles else {})
+        return loses | ({"doubling": ([one.begin.doubling for one in found], DOUBLING)} if self.kind.doubles else {})
 
     # --- in the plane of two parameters: see `plane_curve` ----------------------------------------------------------
 
@@ -224,3 +244,76 @@ class Curve(ABC):
             return
         for share in self.kind.shares:
             yield {self.parameter: low + share * wide}
+
+
+class Along(Between[Q]):
+    """The points of a step of a border, each found from the last one before it, whose equations are nearly its own."""
+
+    def near(self, share: float) -> Q:
+        return self[max(known for known in self if known < share)]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of a curve at values of the other parameters, its `y`: see `continuation.OnPlanes`."""
+
+    curve: Curve
+    found: Found
+    y: np.ndarray
+
+    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
+        """The point at other values."""
+        found = self.curve.point(dict(zip(self.curve.over, y.tolist(), strict=True)), [self.found], None)
+        return replace(self, found=found, y=y)
+
+    def tests(self) -> dict[str, float]:
+        """Functions that change their sign where the curve meets another border, or turns round, by the names of that."""
+        return crossings(self.curve.kind, self.found.orbit)
+
+    def special(self, b: Self, known: float) -> list[tuple[Self, str]]:
+        """Where the curve meets other borders, or turns round, up to another of its points, in their order.
+
+        Places are so well `known`, as a share of the way; those that are not are left out.
+        """
+        at, low = Along(self, b), 0.0
+
+        def zero_of(name: str) -> float | None:
+            return zero(at, lambda place: place.tests()[name], known)
+
+        def state(share: float) -> str:
+            return self.curve.state(at[share].found)
+
+        found = [(share, name) for name in self.tests() if (share := zero_of(name)) is not None]
+        while (before := state(low)) != state(1.0) and len(found) < MOST_CHANGES:
+            beyond = min(share for share in at if share > low and state(share) != before)
+            last, low = halved(state, low, beyond, known)
+            if low - last > known:
+                break
+            found.append((last, self.curve.passed(before, state(low))))
+        return [(at[share], name) for share, name in sorted(found)]
+
+
+def asked(
+    kind: str, parameter: str, over: Mapping[str, Any], spin: float | None, rtol: float, fixed: dict[str, float]
+) -> Curve:
+    """The curve that is asked for, at the first values in `over`; refuses what is not allowed."""
+    if kind not in BORDER_KINDS:
+        raise ParameterError(f"kind = {kind!r}: unknown border (allowed: {', '.join(BORDER_KINDS)})")
+    check_name(parameter)
+    if not isinstance(over, Mapping) or not over:
+        raise ParameterError(f"over = {over!r}: must name at least one parameter with its values")
+    axes = {}
+    for name, values in over.items():
+        check_name(name)
+        if name == parameter or name in fixed:
+            raise ParameterError(f"{name}: is given twice")
+        axes[name] = as_numbers(name, values, number, PARAMETERS[name].units)
+        if not axes[name].size:
+            raise ParameterError(f"over: {name} has no values")
+    check_effect({parameter, *axes, *fixed})
+    for name, column in axes.items():
+        for value in column:
+            checked(fixed | {name: float(value)})
+    given = checked(fixed | {name: float(values[0]) for name, values in axes.items()})
+    border = BORDER_KINDS[kind]
+    return border.curve(border, parameter, given, checked_spin(spin, given), check_rtol(rtol), over=axes)

@@ -99,6 +99,10 @@ class Bifurcation(Kind, ABC):
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The rows of the eigenvector, as nearly as J has them, and what is not known of the multiplier; lost without one."""
 
+    def others(self, values: np.ndarray) -> np.ndarray:
+        mine = np.arange(values.size) if self.rows == 1 else np.flatnonzero(values.imag != 0)
+        return np.delete(values, mine[np.argsort(np.abs(self.away(values[mine])))[: self.rows]])
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RealMultiplier(Bifurcation):
@@ -120,9 +124,6 @@ class RealMultiplier(Bifurcation):
     def away(self, values: np.ndarray) -> np.ndarray:
         return values - self.at
 
-    def others(self, values: np.ndarray) -> np.ndarray:
-        return np.delete(values, np.argmin(np.abs(self.away(values)))) if values.size else values
-
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return np.linalg.svd(J - self.at * np.eye(len(J)))[2][-1:], np.empty(0)
 
@@ -136,10 +137,6 @@ class ComplexPair(Bifurcation):
     @abstractmethod
     def unknown(self, value: complex) -> float:
         """What is not known of the multiplier, if it is about `value`."""
-
-    def others(self, values: np.ndarray) -> np.ndarray:
-        pairs = np.flatnonzero(values.imag != 0)
-        return np.delete(values, pairs[np.argsort(np.abs(self.away(values[pairs])))[:2]])
 
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values, vectors = np.linalg.eig(J)
@@ -206,6 +203,10 @@ class Torus(ComplexPair):
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StabilityEnd(Kind):
     """Where a stable orbit ceases to be stable, or to be, whatever the kind of border there."""
+
+    def others(self, values: np.ndarray) -> np.ndarray:
+        """None."""
+        return values[:0]
 
 
 def _changed(old: str, new: str) -> set[str]:

@@ -223,7 +223,7 @@ class StabilityCurve(Curve, of=StabilityEnd):
     def _from(self, orbit: PeriodicOrbit) -> Found:
         (way,) = self._ways(orbit)
         special = stability_end(way)
-        return self._found(special)._replace(loses=True, by=special.kind)
+        return self._found(special)._replace(loses=True, by=special.kind.name)
 
     def _found(self, special: Special) -> Found:
         """The point of the end, with the spin put back where it is a bifurcation, as on curves of those."""
@@ -235,5 +235,5 @@ class StabilityCurve(Curve, of=StabilityEnd):
         return Found(orbit_of(at.fixed), at.value, at)
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
-        kinds = [one.by.name if one.by else "" for one in found]
-        return super().columns(found) | {"ends_by": (kinds, "kind of border by which the stability ends")}
+        ends = {"ends_by": ([one.by for one in found], "kind of border by which the stability ends")}
+        return super().columns(found) | ends
