@@ -14,7 +14,7 @@ import numpy as np
 from dimersweep.orbits.continuation import SAME_WAY
 from dimersweep.orbits.manifold import lag
 from dimersweep.orbits.newton import NEWTON_STEPS, TOLERANCE, Fixed, defect, fixed_at, newton, system
-from dimersweep.orbits.poincare import TURN, Image, OrbitLost, ReturnMap, singular_lost
+from dimersweep.orbits.poincare import TURN, Image, OrbitLost, ReturnMap, first_found, singular_lost
 
 NEAR_TURN = 0.05  # part of the parameter in a tangent below which it says nothing of where on a branch one is
 
@@ -122,12 +122,9 @@ def slope_of(
     def between(ahead: float, back: float) -> np.ndarray:
         return (at(ahead) - at(back)) / (ahead - back)
 
-    if sense:
-        return between(sense * m.one_sided, 0.0)
-    for ahead, back in ((m.step, -m.step), (m.step, 0.0)):
-        with suppress(OrbitLost):  # at the edge of what the parameter allows
-            return between(ahead, back)
-    return between(0.0, -m.step)
+    # the last two at the edge of what the parameter allows
+    ways = [(sense * m.one_sided, 0.0)] if sense else [(m.step, -m.step), (m.step, 0.0), (0.0, -m.step)]
+    return first_found(partial(between, *way) for way in ways)
 
 
 @singular_lost()

@@ -23,11 +23,11 @@ from dimersweep.orbits.kinds import FOLD
 from dimersweep.orbits.manifold import NEAR, SlowMotion, has_fast_part, slow_direction, slow_motion_near, slow_motion_of
 from dimersweep.orbits.newton import fixed_at, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, dataset, orbit_of
-from dimersweep.orbits.poincare import OrbitLost, ReturnMap, first_found
+from dimersweep.orbits.poincare import OrbitLost, ReturnMap, first_found, in_steps
 from dimersweep.orbits.specials import JOINED
 
 MISSING_OVER = 0.02  # part of the spin over which orbits may be missing, where a sequence just changes
-TRIES = 8  # on the way from one spin to the next
+SHORTEST = 1 / 128  # step on the way from one spin to the next, in the whole of it
 THROUGH = 3  # points of the family through which the next one is looked for
 OVER_THE_END = 1e-7  # of the greatest spin, by which rounding may lead over an end of the family
 BEGIN_AT = (0.5, 0.25, 0.75, 0.0, 1.0)  # parts of the range of spins at which a first orbit is looked for
@@ -140,25 +140,16 @@ def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[d
 def _next(last: list[PeriodicOrbit], spin: float, leaps: bool) -> PeriodicOrbit:
     """The orbit at another spin, along the family or by a run, by way of spins between where that fails.
 
-    `last` are those before, the nearest first; see `walk` for leaps. It is lost if it is not reached in a few tries.
+    `last` are those before, the nearest first; see `walk` for leaps.
     """
-    share, reason = 1.0, OrbitLost("")
-    for _ in range(TRIES):
-        begin = last[0]
-        to = spin if share == 1.0 else begin.spin + share * (spin - begin.spin)
-        drifts_there = (to - begin.spin) * begin.spin_drift > 0
-        most = np.inf if leaps and drifts_there else JOINED
-        try:
-            nxt = first_found([partial(_step, last, to), partial(_run_onto, begin, to, most)])
-        except OrbitLost as error:
-            share, reason = 0.5 * share, error
-            if _near(begin.spin, to):
-                break
-            continue
-        if share == 1.0:
-            return nxt
-        last, share = [nxt, *last[:2]], 1.0
-    raise reason
+    begin = last[0].spin
+
+    def step(before: list[PeriodicOrbit], share: float) -> list[PeriodicOrbit]:
+        at, to = before[0], spin if share == 1.0 else begin + share * (spin - begin)
+        most = np.inf if leaps and (to - at.spin) * at.spin_drift > 0 else JOINED
+        return [first_found([partial(_step, before, to), partial(_run_onto, at, to, most)]), *before[:2]]
+
+    return in_steps(step, last, max(SHORTEST, 0.5 * MISSING_OVER * abs(spin / ((spin - begin) or 1.0))))[0]
 
 
 def _near(a: float, b: float) -> bool:

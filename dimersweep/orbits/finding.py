@@ -18,7 +18,7 @@ from dimersweep.orbits.kinds import ball_fold
 from dimersweep.orbits.manifold import multipliers_of, slow_direction, slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.poincare import SPIN_COORDINATE, TURN, OrbitLost, Recorder, ReturnMap
+from dimersweep.orbits.poincare import SPIN_COORDINATE, TURN, OrbitLost, Recorder, ReturnMap, in_steps
 from dimersweep.orbits.specials import JOINED
 from dimersweep.parameters import Parameters, check_level, check_name, dimer_from, updated, value_of
 from dimersweep.runs.run import Run
@@ -291,24 +291,15 @@ def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
     """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
     old, given = orbit.fixed.map, m.parameters
     first, last = ({name: value_of(name, one) for name in ROW} for one in (old.parameters, given))
-    fixed = orbit.fixed._replace(map=replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
-    known = system(old, fixed.matrix, fixed.gradient) if m.periods == old.periods else None
-    done, step, reason = 0.0, 1.0, OrbitLost("")
-    while done < 1.0:
-        if step < SMALLEST_SHARE:
-            raise OrbitLost(f"{reason}, {done:.0%} of the way")
-        there = min(1.0, done + step)
+    begin = orbit.fixed._replace(map=replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
+
+    def step(fixed: Fixed, there: float) -> Fixed:
         values = given if there == 1.0 else {name: first[name] + there * (last[name] - first[name]) for name in ROW}
-        try:
-            fixed = _beside(
-                fixed, replace(fixed.map, parameters=values), orbit.spin + there * (spin - orbit.spin), known
-            )
-        except OrbitLost as error:
-            reason, step = error, 0.5 * step
-            continue
-        done, step = there, 2 * step
-        known = system(fixed.map, fixed.matrix, fixed.gradient)
-    return fixed
+        alike = fixed is not begin or m.periods == old.periods
+        known = system(fixed.map, fixed.matrix, fixed.gradient) if alike else None
+        return _beside(fixed, replace(fixed.map, parameters=values), orbit.spin + there * (spin - orbit.spin), known)
+
+    return in_steps(step, begin, SMALLEST_SHARE)
 
 
 def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -> Fixed:

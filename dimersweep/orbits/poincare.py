@@ -72,6 +72,23 @@ def first_found(ways: Iterable[Callable[[], T]]) -> T:
     raise reason
 
 
+def in_steps(step: Callable[[T, float], T], begin: T, least: float, first: float = 1.0) -> T:
+    """Where steps lead, each from where the one before has led, up to a share of the way; half as long where one is lost.
+
+    It is lost where steps would have to be shorter than `least`; `first` is the length of the first one.
+    """
+    here, done, length = begin, 0.0, first
+    while done < 1.0:
+        to = min(1.0, done + length)
+        try:
+            here, done, length = step(here, to), to, 2 * length
+        except OrbitLost as reason:
+            length *= 0.5
+            if length < least:
+                raise OrbitLost(f"{reason}, {done:.0%} of the way") from reason
+    return here
+
+
 class Image(NamedTuple):
     """Where a point goes: the image in the free coordinates, the spin [rad/s], the change of theta [rad], the record."""
 

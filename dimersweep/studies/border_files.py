@@ -319,7 +319,6 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
         "units": "1",
         "long_name": "this border of a ball that bounces once a period, in closed form",
     }
-    table.attrs = {}
     return table
 
 
@@ -337,7 +336,6 @@ def _branch(
     for name, values in columns.items():
         units = PARAMETERS[name].attributes() if name in PARAMETERS else {"long_name": "number of the branch"}
         table[name] = ("point", values, units)
-    table.attrs = {}
     return table
 
 
@@ -354,7 +352,7 @@ def _family(declared: Borders, families: Families, point: dict[str, float], tell
     table = table.drop_vars([name for name in table.data_vars if table[name].dtype.kind not in "fc"])
     spin_attrs = table["spin"].attrs
     table = table.reindex(spin=evenly(families.spin[0], families.spin[1], families.points)).assign(ends)
-    table["spin"].attrs, table.attrs = spin_attrs, {}
+    table["spin"].attrs = spin_attrs
     return table
 
 
