@@ -15,7 +15,7 @@ from dimersweep.cli import app
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.orbits.pictures import SMOOTH, _smoothed, draw_borders
-from dimersweep.storage.store import opened_store
+from dimersweep.storage.store import Store, opened_store
 from dimersweep.studies import border_files
 from dimersweep.studies.border_files import kept_part, make_borders, parts_of, plan_borders, read_borders
 from tests.checks.conform import conforms
@@ -100,7 +100,7 @@ def test_a_file_that_was_stopped_goes_on_from_its_finished_parts(tmp_path, monke
 @pytest.mark.jit
 def test_parts_of_another_declaration_are_refused(tmp_path):
     declared, out = declared_in(tmp_path), tmp_path / "two.nc"
-    with opened_store(parts_of(out), declared.configuration | {"fixed": {"e": 0.5}}, 2):
+    with opened_store(Store, parts_of(out), declared.configuration | {"fixed": {"e": 0.5}}, 2):
         pass
     assert plan_borders(declared, out) == ["families: 2 parts, 3 points each: family-0, family-1"]
     with pytest.raises(StoreError, match=r"results of other settings.*What differs:\n  fixed.e: 0.5 -> nothing$"):
@@ -113,7 +113,7 @@ def test_parts_of_another_declaration_are_refused(tmp_path):
 def test_a_part_that_is_damaged_is_told_and_made_again(tmp_path, monkeypatch):
     declared, out, parts = declared_in(tmp_path), tmp_path / "two.nc", tmp_path / "two.nc.parts"
     whole, asked, makers = make_borders(declared), [], declared.parts()
-    with opened_store(parts, declared.configuration, len(makers)) as store:
+    with opened_store(Store, parts, declared.configuration, len(makers)) as store:
         for place, (name, make) in enumerate(makers.items()):
             kept_part(store, place, name, partial(make, lambda line: None))
     with contextlib.closing(sqlite3.connect(parts)) as file, file:

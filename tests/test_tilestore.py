@@ -18,7 +18,7 @@ import xarray as xr
 import dimersweep
 from dimersweep.cubes.results import Finished, Tile
 from dimersweep.errors import StoreError
-from dimersweep.storage.locking import Lock, is_locked, lock_of
+from dimersweep.storage.locking import is_locked, locked
 from dimersweep.storage.store import Store
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.status import status
@@ -155,19 +155,19 @@ def test_a_store_is_mended_once_and_used_on(counted):
     cut_end()
     for trouble in (1, 0):
         with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
-            assert len(store.file.trouble) == trouble
+            assert len(store.trouble) == trouble
             store.add(made(100, 110)) if trouble else None
             store.flush()
             assert store.gaps()[-1] == Tile(110, 120) and len(store.gaps()) > 1
-            with pytest.raises(BlockingIOError):  # what is locked is the new file
-                Lock(STORE)
+            with pytest.raises(BlockingIOError), locked(STORE):  # what is locked is the new file
+                pass
     assert os.listdir() == ["cube.nc.tiles"]
 
 
 def test_what_a_kill_leaves_half_written_is_deleted(counted, recwarn):
     left_behind((0, 30))
     with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
-        scratch = store.file.scratch
+        scratch = store.scratch
         scratch.mkdir()  # of a Zarr group
         (scratch / "zarr.json").write_text("{")
     with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size):
@@ -235,8 +235,8 @@ def test_status_reads_while_another_writes():
     with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
         store.add(made(0, 30))
         store.flush()
-        with store.file.writing():
-            store.file.take_out(0)
+        with store.connection:
+            store.take_out(0)
             assert status(Path("cube.nc"))[0] == "cube.nc: 30 of 120 points done (25 %)"
         assert status(Path("cube.nc"))[0] == "cube.nc: 0 of 120 points done (0 %)"
 
@@ -313,18 +313,17 @@ def test_a_link_in_place_of_the_journal_leads_nowhere():
 
 
 def test_a_lock_frees_itself_and_is_not_shared():
-    first = lock_of(STORE)
-    with pytest.raises(BlockingIOError):
-        lock_of(STORE)
-    code = f"from dimersweep.storage.locking import *; from pathlib import Path; print(is_locked(Path('{STORE}')))"
-    asked = [sys.executable, "-c", code + f"; lock_of(Path('{STORE}'))"]
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
-    other = subprocess.run(asked, env=environment, capture_output=True, text=True, check=False)
-    assert other.stdout == "True\n" and "BlockingIOError" in other.stderr
-    STORE.unlink()  # as the holder does at its end
-    second = lock_of(STORE)
-    first.close()
-    second.close()
+    with locked(STORE):
+        with pytest.raises(BlockingIOError), locked(STORE):
+            pass
+        code = f"from dimersweep.storage.locking import *; from pathlib import Path; print(is_locked(Path('{STORE}')))"
+        asked = [sys.executable, "-c", code + f"; locked(Path('{STORE}')).__enter__()"]
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+        other = subprocess.run(asked, env=environment, capture_output=True, text=True, check=False)
+        assert other.stdout == "True\n" and "BlockingIOError" in other.stderr
+        STORE.unlink()  # as the holder does at its end
+        with locked(STORE):
+            assert is_locked(STORE)
     assert not is_locked(STORE)
 
 
@@ -460,7 +459,7 @@ def test_what_is_read_is_what_was_added(monkeypatch):
         store.add(whole.part(Tile(5, 10)))
         store.flush()
         assert store.gaps() == [Tile(40, 90)]
-        rows = [(row.start, row.stop, row.wall > 0) for row in store.file.summaries()]
+        rows = [(row.start, row.stop, row.wall > 0) for row in store.summaries()]
         assert rows == [(0, 5, True), (5, 10, True), (10, 40, False), (90, 120, False)]
         for start, stop in ((0, 40), (3, 12), (39, 40), (100, 120)):
             assert store.read(start, stop).tobytes() == whole.results[start:stop].tobytes()
@@ -471,10 +470,10 @@ def test_what_is_read_is_what_was_added(monkeypatch):
         assert missing == sorted({*drifting.tolist(), *range(40, 90)})
         monkeypatch.setattr("dimersweep.storage.tilestore.FLUSH_BYTES", 20 * store.kind.itemsize)
         store.add(whole.part(Tile(40, 90)))
-        assert [row.start for row in store.file.summaries() if 40 <= row.start < 90] == [40, 60, 80]
+        assert [row.start for row in store.summaries() if 40 <= row.start < 90] == [40, 60, 80]
         assert store.read(40, 90).tobytes() == whole.results[40:90].tobytes()
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
-        assert store.file.trouble == []
+        assert store.trouble == []
 
 
 def test_any_client_of_sqlite_can_read_it():

@@ -1,9 +1,8 @@
 """Blocks of points: the ranges in which cubes larger than memory are read and written."""
 
 from collections.abc import Iterator
+from itertools import product
 from math import prod
-
-import numpy as np
 
 from dimersweep.cubes.results import Tile
 
@@ -14,21 +13,16 @@ def chunk_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
     """Chunks that are ranges of points in C order: whole last axes, a part of one, and single values of the first ones."""
     chunks, room = [], CHUNK_POINTS
     for length in reversed(shape):
-        chunks.append(min(length, max(1, room)))
-        room = room // length if room >= length else 0
+        chunks.append(max(1, min(length, room)))
+        room //= max(1, length)
     return tuple(reversed(chunks))
 
 
 def blocks(shape: tuple[int, ...]) -> Iterator[tuple[Tile, tuple[slice, ...]]]:
     """The range of points of each chunk, and where it lies along each axis."""
-    chunks = chunk_shape(shape)
-    counts = [-(-length // chunk) for length, chunk in zip(shape, chunks, strict=True)]
+    axes = zip(shape, chunk_shape(shape), strict=True)
     start = 0
-    for place in np.ndindex(*counts):
-        where = tuple(
-            slice(k * chunk, min((k + 1) * chunk, length))
-            for k, chunk, length in zip(place, chunks, shape, strict=True)
-        )
+    for where in product(*([slice(at, min(at + chunk, n)) for at in range(0, n, chunk)] for n, chunk in axes)):
         stop = start + prod(part.stop - part.start for part in where)
         yield Tile(start, stop), where
         start = stop

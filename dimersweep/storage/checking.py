@@ -11,7 +11,7 @@ from dimersweep.cubes.grid import finer
 from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel.model.layout import CODES, OUT
 from dimersweep.storage.blocks import blocks
-from dimersweep.storage.provenance import CHECKSUM, FILE_FORMAT, digest, read_configuration
+from dimersweep.storage.provenance import CHECKSUM, FILE_FORMAT, configuration_in
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS
 
 
@@ -39,13 +39,10 @@ def configuration_of(dataset: xr.Dataset, what: str, path: Path, noun: str = "Ne
         raise StoreError(
             f"{path}: is a {what} of format {version}; this version of dimersweep reads format {FILE_FORMAT}"
         )
-    text = dataset.attrs.get("configuration", "")
     try:
-        if digest(text) == dataset.attrs.get("configuration_sha256"):
-            return read_configuration(text)
-    except (ValueError, TypeError, AttributeError) as error:
+        return configuration_in(dataset.attrs)
+    except ValueError as error:
         raise changed(what, path, one_line(error)) from error
-    raise changed(what, path)
 
 
 def changed(what: str, path: Path, why: str = "") -> StoreError:
@@ -69,47 +66,47 @@ def checksum_of(cube: xr.Dataset) -> str:
     return checksum.digest()
 
 
-def check_unchanged(cube: xr.Dataset, path: str | Path) -> None:
-    """Refuse a cube that was cut, turned, moved or changed in any value since it was written to `path`.
+def soundness(cube: xr.Dataset) -> str:
+    """Whether a cube is as it was written.
 
-    Of one that an earlier version has written, without a checksum, the axes are compared with its configuration.
+    Returns
+    -------
+    str
+        whole; a part, if its user has taken one, or has added variables; else changed: cut, turned, moved, or in any value. Of
+        one without a checksum, as earlier versions have written them, the axes are compared with its configuration.
 
     Raises
     ------
     StoreError
-        If it was, or a value is damaged.
+        If a value of a lazy one is damaged.
     """
-    found, written = checksum_of(cube), cube.attrs.get(CHECKSUM)
-    if written != found and (written is not None or not _has_declared_axes(cube)):
+    complete, written = _has_declared_axes(cube), cube.attrs.get(CHECKSUM)
+    if written is None:
+        return "whole" if complete else "part"
+    if checksum_of(cube) == written:
+        return "whole"
+    return "changed" if complete and set(cube.variables) <= {*PARAMETERS, *QUANTITIES, *SETTINGS, "point"} else "part"
+
+
+def check_unchanged(cube: xr.Dataset, path: str | Path) -> None:
+    """Refuse a cube that is not as it was written to `path`.
+
+    Raises
+    ------
+    StoreError
+    """
+    if soundness(cube) != "whole":
         raise StoreError(
             f"{path}: is a cube whose coordinates or values were changed since it was written; sweep it again"
         )
 
 
-def check_undamaged(cube: xr.Dataset, path: str | Path) -> None:
-    """Refuse a cube in memory that has all its points, but other values than were written to `path`.
-
-    A part of a cube that its user has saved, or one with variables of the user's, has no checksum of its own.
-
-    Raises
-    ------
-    StoreError
-        If its checksum is not that of its values.
-    """
-    if CHECKSUM in cube.attrs and is_whole(cube) and checksum_of(cube) != cube.attrs[CHECKSUM]:
-        raise StoreError(
-            f"{path}: is damaged, or values were changed on purpose; without its attribute {CHECKSUM} it would be read as it is"
-        )
-
-
-def is_whole(cube: xr.Dataset) -> bool:
-    """Whether a cube has the points that its configuration tells, and no variables of its user's."""
-    return set(cube.variables) <= {*PARAMETERS, *QUANTITIES, *SETTINGS, "point"} and _has_declared_axes(cube)
-
-
 def _has_declared_axes(cube: xr.Dataset) -> bool:
     """Whether a cube has the points that its configuration tells, in their order, and a result of each kind there."""
-    configuration = read_configuration(cube.attrs["configuration"])
+    try:
+        configuration = configuration_in(cube.attrs)
+    except ValueError:
+        return False
     halvings = configuration.get("refine", {}).get("halvings", {})
     axes = {
         name: finer(np.array(values), halvings.get(name, 0)) for name, values in configuration.get("grid", {}).items()

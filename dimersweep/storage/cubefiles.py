@@ -15,10 +15,11 @@ from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.parameters import completed
 from dimersweep.storage.blocks import blocks
-from dimersweep.storage.checking import changed, check_undamaged, configuration_of
+from dimersweep.storage.checking import changed, configuration_of, soundness
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import FORMATS, format_at, format_of
 from dimersweep.storage.outputs import check_output
+from dimersweep.storage.provenance import CHECKSUM
 from dimersweep.symbols import SETTINGS
 
 
@@ -93,7 +94,9 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         cube.load()
         for name in set(FLAGS) & set(cube.variables):
             check_flags(name, cube[name].values)
-        check_undamaged(cube, path)
+        if soundness(cube) == "changed":
+            read = f"without its attribute {CHECKSUM} it would be read as it is"
+            raise StoreError(f"{path}: is damaged, or values were changed on purpose; {read}")
         return cube
 
 

@@ -7,50 +7,77 @@ import struct
 import sys
 import threading
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # of network disks that are mounted without them
 BYTE = 0x40000200  # the first one behind those that SQLite locks
 # A lock of an open file, not of a process: SQLite opens and closes the same file, which drops all locks of a process on it.
-if sys.platform == "darwin":
-    ASK, TAKE, FLOCK = 92, 90, struct.Struct("qqihh")  # Python does not name them
+if sys.platform == "darwin":  # Python does not name them
+    ASK, TAKE, FLOCK, KIND = 92, 90, struct.Struct("qqihh"), 3
+    WANTED = (BYTE, 1, 0, fcntl.F_WRLCK, os.SEEK_SET)
 else:
-    ASK, TAKE, FLOCK = fcntl.F_OFD_GETLK, fcntl.F_OFD_SETLK, struct.Struct("hhqqi4x")
+    ASK, TAKE, FLOCK, KIND = fcntl.F_OFD_GETLK, fcntl.F_OFD_SETLK, struct.Struct("hhqqi4x"), 0
+    WANTED = (fcntl.F_WRLCK, os.SEEK_SET, BYTE, 1, 0)
 
-_held: set[tuple[int, int]] = set()  # device and number of the files that this process has locked
+# Device and number of the files that this process has locked: to open and close one once more could cost SQLite its locks.
+_held: set[tuple[int, int] | None] = set()
 _guard = threading.Lock()
 
 
-def _on_byte(handle: int, what: int, kind: int) -> int:
-    """Ask for a lock of a `kind` on the byte, or take it; the kind that is in its way."""
-    linux = sys.platform != "darwin"
-    asked = FLOCK.pack(*((kind, os.SEEK_SET, BYTE, 1, 0) if linux else (BYTE, 1, 0, kind, os.SEEK_SET)))
-    return int(FLOCK.unpack(fcntl.fcntl(handle, what, asked))[0 if linux else 3])
+def _on_byte(handle: int, what: int) -> int:
+    """Ask for the lock on the byte, or take it; the kind of lock that is in its way."""
+    return int(FLOCK.unpack(fcntl.fcntl(handle, what, FLOCK.pack(*WANTED)))[KIND])
 
 
-def _name(handle: int) -> tuple[int, int]:
-    found = os.fstat(handle)
-    return found.st_dev, found.st_ino
+def _number(file: Path | int) -> tuple[int, int] | None:
+    with suppress(FileNotFoundError):
+        found = os.stat(file)
+        return found.st_dev, found.st_ino
+    return None
 
 
 def is_locked(path: Path) -> bool:
     """Whether a process is at work at the store `path`."""
     with _guard, suppress(OSError):
-        found = os.stat(path)
-        # this process must not even close a file that SQLite has locked for it
-        if (found.st_dev, found.st_ino) in _held:
+        if _number(path) in _held:
             return True
         handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         try:
-            return _on_byte(handle, ASK, fcntl.F_WRLCK) != fcntl.F_UNLCK
+            return _on_byte(handle, ASK) != fcntl.F_UNLCK
         finally:
             os.close(handle)
     return False
 
 
-class Lock:
-    """The lock of a store, once it is held.
+def _take(path: Path) -> tuple[int, bool]:
+    """An open file, locked, and whether there are locks."""
+    honest = True
+    with _guard:
+        if _number(path) in _held:
+            raise BlockingIOError
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+        try:
+            _on_byte(handle, TAKE)
+        except OSError as error:
+            if error.errno not in NO_LOCKS:
+                os.close(handle)
+                raise
+            honest = False
+        _held.add(_number(handle))
+    return handle, honest
+
+
+def _let_go(handle: int) -> None:
+    with _guard:
+        _held.discard(_number(handle))
+        os.close(handle)
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[tuple[bytes, bool]]:
+    """Hold the lock of a store: gives the first bytes of its file, and whether the file system has locks.
 
     Parameters
     ----------
@@ -64,63 +91,14 @@ class Lock:
     OSError
         If the file cannot be made.
     """
-
-    def __init__(self, path: Path) -> None:
-        self.honest = True
-        with _guard:
-            if os.path.exists(path) and (os.stat(path).st_dev, os.stat(path).st_ino) in _held:
-                raise BlockingIOError
-            self._handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
-            try:
-                self._take()
-            except BaseException:
-                os.close(self._handle)
-                raise
-            _held.add(_name(self._handle))
-
-    def _take(self) -> None:
-        try:
-            _on_byte(self._handle, TAKE, fcntl.F_WRLCK)
-        except OSError as error:
-            if error.errno in (errno.EAGAIN, errno.EACCES):
-                raise BlockingIOError from None
-            if error.errno not in NO_LOCKS:
-                raise
-            self.honest = False
+    handle, honest = _take(path)
+    while _number(path) != _number(handle):  # a former holder has just deleted it
+        _let_go(handle)
+        handle, honest = _take(path)
+    try:
+        if not honest:
             message = "this file system has no locks; take care that no other sweep writes to the same output"
             warnings.warn(message, RuntimeWarning, stacklevel=2)
-
-    def is_at(self, path: Path) -> bool:
-        """Whether the file that is locked is the one that others will find."""
-        try:
-            return os.path.samestat(os.fstat(self._handle), path.stat())
-        except FileNotFoundError:
-            return False
-
-    def become(self, other: "Lock") -> None:
-        """Hold another lock in place of this one: its file has taken the name of this one."""
-        self.close()
-        self._handle = other._handle
-
-    def head(self) -> bytes:
-        """The first bytes of the file: to open it once more could cost SQLite its locks."""
-        return os.pread(self._handle, 100, 0)
-
-    def empty(self) -> None:
-        """Leave nothing in the file."""
-        os.ftruncate(self._handle, 0)
-
-    def close(self) -> None:
-        """Let it go."""
-        with _guard:
-            _held.discard(_name(self._handle))
-            os.close(self._handle)
-
-
-def lock_of(path: Path) -> Lock:
-    """The lock of the file that is at `path`: a former holder may just have deleted another one; raises as `Lock`."""
-    lock = Lock(path)
-    while not lock.is_at(path):
-        lock.close()
-        lock = Lock(path)
-    return lock
+        yield os.pread(handle, 100, 0), honest
+    finally:
+        _let_go(handle)

@@ -44,14 +44,17 @@ def as_text(configuration: Mapping[str, Any]) -> str:
     return json.dumps(configuration)
 
 
-def read_configuration(text: str) -> dict[str, Any]:
-    """The configuration that `text` tells.
+def configuration_in(about: Mapping[Any, Any]) -> dict[str, Any]:
+    """The configuration in attributes, or in what a store tells of itself, see `configured`.
 
     Raises
     ------
     ValueError
-        If it is none: of another shape, or with axes or fixed parameters that are no numbers.
+        If it is another one than was written, or none: of another shape, or with axes or fixed parameters that are no numbers.
     """
+    text = about.get("configuration")
+    if not isinstance(text, str) or digest(text) != about.get("configuration_sha256"):
+        raise ValueError
     try:
         configuration = json.loads(text)
     except RecursionError:

@@ -17,7 +17,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 from urllib.parse import quote
 from uuid import uuid4
 
@@ -26,8 +26,8 @@ from dimersweep.errors import StoreError
 from dimersweep.faces import __version__
 from dimersweep.kernel.model.layout import CODES, OUT
 from dimersweep.storage.files import HALF, delete, disk_errors, replacing, sync
-from dimersweep.storage.locking import Lock, is_locked, lock_of
-from dimersweep.storage.provenance import as_text, configured, cpu, differences, digest
+from dimersweep.storage.locking import is_locked, locked
+from dimersweep.storage.provenance import as_text, configuration_in, configured, cpu, differences
 
 FORMAT = 4
 APPLICATION = 0x64696D65  # in the head of each of our files: others are never deleted
@@ -58,29 +58,17 @@ class StoredTile(NamedTuple):
         When it was written, UTC.
     sha256 : str
         Of the configuration, all of the above, and the results.
-    results : bytes
+    results : bytes or memoryview
     """
 
     start: int
     stop: int
     what: str
-    seconds: float
-    wall: float
-    at: str
+    seconds: float = 0.0
+    wall: float = 0.0
+    at: str = ""
     sha256: str = ""
-    results: bytes = b""
-
-
-Check = Callable[[StoredTile], str]  # why the results of a row, whose checksum holds, must not be used; "" if they may
-
-
-def _connected(path: Path, how: str) -> sqlite3.Connection:
-    place = f"file:{quote(os.fsencode(path.absolute()))}?{how}"
-    connection = sqlite3.connect(place, timeout=BUSY_SECONDS, isolation_level=None, uri=True)
-    connection.text_factory = lambda text: text.decode(errors="replace")  # what is damaged is found by its checksum
-    connection.execute("PRAGMA trusted_schema = OFF")
-    connection.execute("PRAGMA writable_schema = ON")  # lets a file be read from which the end was cut
-    return connection
+    results: bytes | memoryview = b""
 
 
 class Store:
@@ -91,13 +79,36 @@ class Store:
     path : Path
     how : str
         How it is opened, as in the address of an SQLite file.
+
+    Attributes
+    ----------
+    connection : sqlite3.Connection
+        What is changed in its context is on the disk at the end of that, or nothing of it is.
+    trouble : list of str
+        What was damaged when it was opened, in words.
+    is_cut : bool
+        Whether parts of it could not be read.
     """
 
     def __init__(self, path: Path, how: str) -> None:
-        self.path = path
-        self.is_cut = False  # whether some rows could not be read
-        self.trouble: list[str] = []  # what was damaged when it was opened, in words
-        self._connection = _connected(path, how)
+        self.path, self.how = path, how
+        self.trouble: list[str] = []
+        self.is_cut = False
+        place = f"file:{quote(os.fsencode(path.absolute()))}?{how}"
+        self.connection = sqlite3.connect(place, timeout=BUSY_SECONDS, isolation_level="IMMEDIATE", uri=True)
+        self.connection.text_factory = lambda text: text.decode(errors="replace")  # a checksum finds what is damaged
+        # the second one lets a file be read from which the end was cut
+        for setting in ("trusted_schema = OFF", "writable_schema = ON"):
+            self.pragma(setting)
+
+    def pragma(self, words: str) -> Any:
+        """What SQLite answers to a pragma; None of a file that is damaged."""
+        try:
+            return self.connection.execute(f"PRAGMA {words}").fetchone()
+        except sqlite3.OperationalError:  # of the disk, not of what is on it
+            raise
+        except sqlite3.DatabaseError:
+            return None
 
     @cached_property
     def about(self) -> dict[str, Any]:
@@ -109,27 +120,24 @@ class Store:
             If that cannot be read, or was written by another version of the format.
         """
         try:
-            schema = [sql for (sql,) in self._connection.execute("SELECT sql FROM sqlite_master WHERE sql NOT NULL")]
-            about = dict(self._connection.execute("SELECT name, value FROM about"))
-            sound = digest(about["configuration"]) == about["configuration_sha256"]
-            sound = sound and type(about["points"]) is int and type(about["wanted"]) is int
+            schema = self.connection.execute("SELECT sql FROM sqlite_master WHERE sql NOT NULL").fetchall()
+            about = dict(self.connection.execute("SELECT name, value FROM about"))
+            configuration_in(about)
+            sound = type(about["points"]) is type(about["wanted"]) is int and 0 < about["wanted"] <= about["points"]
             sound = sound and bool(HALF.fullmatch(about["scratch"]))  # nothing else is ever deleted
-            about["configuration"] = json.loads(about["configuration"])
-            sound = sound and isinstance(about["configuration"], dict) and 0 < about["wanted"] <= about["points"]
-        except (sqlite3.Error, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        except (sqlite3.Error, ValueError, KeyError, TypeError):
             sound = False
         if not sound:
             why = "is damaged, or no store of this version of dimersweep; begin anew (force=True)"
             raise StoreError(f"{self.path}: {why}")
-        if tuple(schema) != SCHEMA or (about.get("format"), about.get("layout")) != (FORMAT, LAYOUT):
+        if schema != [(each,) for each in SCHEMA] or (about.get("format"), about.get("layout")) != (FORMAT, LAYOUT):
             raise StoreError(f"{self.path}: has the format of another version of dimersweep; begin anew (force=True)")
         return about
 
     @property
     def configuration(self) -> dict[str, Any]:
         """All that decides the numbers."""
-        configuration: dict[str, Any] = self.about["configuration"]
-        return configuration
+        return configuration_in(self.about)
 
     @property
     def size(self) -> int:
@@ -141,11 +149,30 @@ class Store:
         """Where the output is written before it takes its name: the next process deletes what a kill has left there."""
         return self.path.with_name(self.about["scratch"])
 
+    def check_of(self, about: Mapping[str, Any]) -> None:
+        """Refuse a store of something else.
+
+        Raises
+        ------
+        StoreError
+            With what differs.
+        """
+        if self.about["configuration"] != about["configuration"]:
+            found = differences(self.configuration, configuration_in(about))
+            changes = "".join(f"\n  {line}" for line in found)
+            raise StoreError(
+                f"{self.path}: holds results of other settings, stopped before the end; "
+                f"begin anew with force=True, or give another output. What differs:{changes}"
+            )
+        if self.size != about["points"]:
+            why = f"tells of {self.size} points, where its grid has {about['points']}"
+            raise StoreError(f"{self.path}: is damaged ({why}); begin anew (force=True)")
+
     def rows(self, columns: str = "*") -> Iterator[StoredTile]:
         """All rows, without the columns that are not named; of a damaged file those that can be read, from both ends."""
         reached = -1
         try:
-            for row in self._connection.execute(f"SELECT {columns} FROM tiles ORDER BY start"):
+            for row in self.connection.execute(f"SELECT {columns} FROM tiles ORDER BY start"):
                 reached = row[0]
                 yield StoredTile(*row)
         except sqlite3.DatabaseError as error:
@@ -154,7 +181,7 @@ class Store:
             self.is_cut = True
             with suppress(sqlite3.DatabaseError):
                 beyond = f"SELECT {columns} FROM tiles WHERE start > ? ORDER BY start DESC"
-                yield from (StoredTile(*row) for row in self._connection.execute(beyond, (reached,)))
+                yield from (StoredTile(*row) for row in self.connection.execute(beyond, (reached,)))
 
     def summaries(self) -> Iterator[StoredTile]:
         """All rows without their results and checksums."""
@@ -173,67 +200,47 @@ class Store:
             If one was damaged since the store was opened.
         """
         before = "coalesce((SELECT max(start) FROM tiles WHERE start <= ?), 0)"
-        found = self._connection.execute(
+        found = self.connection.execute(
             f"SELECT * FROM tiles WHERE start >= {before} AND start < ? AND stop > ? ORDER BY start",
             (start, stop, start),
         )
         try:
             for row in map(StoredTile._make, found):
-                if why := self._why_not(row):
+                if why := self.why_not(row):
                     raise StoreError(f"{self.path}: {_named(row)} {why}; run the same again")
                 yield row
         except sqlite3.DatabaseError as error:
             raise StoreError(f"{self.path}: cannot be read ({error}); run the same again") from None
 
-    @contextmanager
-    def writing(self) -> Iterator[None]:
-        """What is changed in this context is on the disk at its end, or nothing of it is.
-
-        Raises
-        ------
-        sqlite3.Error
-            If the disk refuses.
-        """
-        self._connection.execute("BEGIN IMMEDIATE")
-        try:
-            yield
-            self._connection.execute("COMMIT")
-        except BaseException:
-            with suppress(sqlite3.Error):
-                self._connection.execute("ROLLBACK")
-            raise
-
-    def put(
-        self, tile: Tile, what: str, results: bytes | memoryview, *, seconds: float = 0.0, wall: float = 0.0
-    ) -> None:
-        """Add a row, within `writing`."""
-        row = StoredTile(*tile, what, seconds, wall, datetime.now(UTC).isoformat(timespec="seconds"))
-        self._insert(row._replace(sha256=self._checksum(row, results), results=results))  # type: ignore[arg-type]
+    def put(self, row: StoredTile) -> None:
+        """Add a row, with the time and its checksum."""
+        row = row._replace(at=datetime.now(UTC).isoformat(timespec="seconds"))
+        self._insert(row._replace(sha256=self._checksum(row)))
 
     def _insert(self, row: StoredTile) -> None:
-        self._connection.execute("INSERT INTO tiles VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
+        self.connection.execute("INSERT INTO tiles VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
 
     def take_out(self, start: int) -> None:
-        """Remove the row that begins at a point, within `writing`."""
-        self._connection.execute("DELETE FROM tiles WHERE start = ?", (start,))
+        """Remove the row that begins at a point."""
+        self.connection.execute("DELETE FROM tiles WHERE start = ?", (start,))
 
     def tell(self, **about: str | int) -> None:
-        """Change what is written of the store, within `writing`."""
-        self._connection.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", about.items())
+        """Change what is written of the store."""
+        self.connection.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", about.items())
         self.about.update(about)
 
-    def _checksum(self, row: StoredTile, results: bytes | memoryview) -> str:
+    def _checksum(self, row: StoredTile) -> str:
         sha256 = hashlib.sha256(json.dumps([self.about["configuration_sha256"], *row[:6]]).encode())
-        sha256.update(results)
+        sha256.update(row.results)
         return sha256.hexdigest()
 
-    def _why_not(self, row: StoredTile, check: Check = lambda row: "") -> str:
-        """Why a row must not be used; "" if it may."""
+    def why_not(self, row: StoredTile) -> str:
+        """Why the results of a row must not be used; "" if they may."""
         try:
-            if self._checksum(row, row.results) != row.sha256:
+            if self._checksum(row) != row.sha256:
                 return "has other bytes than were written"
             sound = 0 <= row.start < row.stop <= self.size and row.seconds + row.wall >= 0
-            return check(row) if sound else "is not of this grid"
+            return "" if sound else "is not of this grid"
         except TypeError:  # of a column that holds what it cannot
             return "has other bytes than were written"
 
@@ -243,12 +250,7 @@ class Store:
 
     def is_new(self) -> bool:
         """Whether nothing was ever written there."""
-        try:
-            return bool(self._connection.execute("PRAGMA page_count").fetchone() == (0,))
-        except sqlite3.OperationalError:
-            raise
-        except sqlite3.DatabaseError:  # it is damaged, and so it was
-            return False
+        return bool(self.pragma("page_count") == (0,))
 
     def begin(self, about: Mapping[str, Any]) -> None:
         """Make the tables of a new store.
@@ -258,81 +260,47 @@ class Store:
         sqlite3.Error, OSError
             If the disk refuses.
         """
-        self._connection.execute("PRAGMA synchronous = FULL")
-        with self.writing():
-            self._connection.execute(f"PRAGMA application_id = {APPLICATION}")
-            for statement in SCHEMA:
-                self._connection.execute(statement)
-            self._connection.executemany("INSERT INTO about VALUES (?, ?)", about.items())
+        with self.connection:
+            for statement in ("BEGIN IMMEDIATE", f"PRAGMA application_id = {APPLICATION}", *SCHEMA):
+                self.connection.execute(statement)
+            self.connection.executemany("INSERT INTO about VALUES (?, ?)", about.items())
 
-    def go_on(self, lock: Lock, check: Check) -> None:
-        """Make sure that what was left behind is whole: what is damaged is noted in `trouble`, and the rest written anew."""
-        delete(self.scratch)
-        trouble = [f"{_named(row)} {why}" for row in self.rows() if (why := self._why_not(row, check))]
-        if self.is_cut or not self._is_whole(lock):
+    def mended(self) -> list[str]:
+        """What is damaged, in words; a file with all that is whole is then in place of this one, which is to be closed."""
+        trouble = [f"{_named(row)} {why}" for row in self.rows() if (why := self.why_not(row))]
+        if self.is_cut or self.pragma("quick_check(1)") != ("ok",):
             trouble.append("parts of the file cannot be read")
+        if not trouble:
+            return []
+        with replacing(self.path, self.scratch) as scratch, closing(Store(scratch, self.how)) as other:
+            other.begin(self.about)
+            with other.connection:
+                for row in self.rows():
+                    if not self.why_not(row):
+                        other._insert(row)
         if len(trouble) > NAMED:
             trouble = [*trouble[:NAMED], f"and {len(trouble) - NAMED} more"]
-        if trouble:
-            self.trouble = [f"{self.path}: damaged results are computed again ({'; '.join(trouble)})"]
-            self._rewrite(lock, check)
-        self._connection.execute("PRAGMA writable_schema = OFF")
-        self._connection.execute("PRAGMA synchronous = FULL")
-
-    def _is_whole(self, lock: Lock) -> bool:
-        """Whether SQLite finds nothing wrong with its pages, and may write to it."""
-        try:
-            found = self._connection.execute("PRAGMA quick_check(1)").fetchone()
-        except sqlite3.OperationalError:
-            raise
-        except sqlite3.DatabaseError:
-            return False
-        return found == ("ok",) and lock.head()[PLACE_OF_VERSIONS] == b"\1\1"
-
-    def _rewrite(self, lock: Lock, check: Check) -> None:
-        """Put a file with the rows that are whole in place of this one."""
-        about = self.about | {"configuration": as_text(self.configuration)}
-        with replacing(self.path, self.scratch) as scratch:
-            other = Store(scratch, _how(lock))
-            other.begin(about)
-            with other.writing():
-                for row in self.rows():
-                    if not self._why_not(row, check):
-                        other._insert(row)
-            other.close()
-            self.close()
-            following = Lock(scratch)
-        lock.become(following)
-        self._connection = _connected(self.path, _how(lock))
-
-    def clear(self, lock: Lock) -> None:
-        """Leave an empty file."""
-        with suppress(StoreError):
-            delete(self.scratch)
-        self.close()
-        for ending in ("-journal", "-wal", "-shm"):  # the last two are there if a head that was damaged asks for them
-            delete(self.path.with_name(self.path.name + ending))
-        lock.empty()
-        self.__dict__.pop("about", None)
-        self._connection = _connected(self.path, _how(lock))
+        return [f"{self.path}: damaged results are computed again ({'; '.join(trouble)})"]
 
     def close(self) -> None:
         """Close the file."""
-        self._connection.close()
+        self.connection.close()
 
     def remove(self) -> None:
         """Delete the file, and what a kill has left of an output half written."""
+        with suppress(StoreError):
+            delete(self.scratch)
         self.close()
-        delete(self.scratch)
-        self.path.unlink(missing_ok=True)
+        for ending in ("-journal", "-wal", "-shm", ""):  # the logs are there if a head that was damaged asks for them
+            delete(self.path.with_name(self.path.name + ending))
+
+
+AnyStore = TypeVar("AnyStore", bound=Store)
+Maker = Callable[[Path, str], AnyStore]
 
 
 def _named(row: StoredTile) -> str:
     return f"tile {row.start}"  # where it ends may be damaged, too
-
-
-def _how(lock: Lock) -> str:
-    return "mode=rwc" if lock.honest else "mode=rwc&nolock=1"
 
 
 def _refuse_others(path: Path) -> None:
@@ -363,9 +331,7 @@ def looked_at(path: Path) -> Iterator[Store]:
         store = Store(path, "mode=ro")
         try:
             store.is_new()
-        except (
-            sqlite3.OperationalError
-        ):  # a kill has left a change half done, which only who writes to it may take back
+        except sqlite3.OperationalError:  # a change is half done, which only who writes to it may take back
             store.close()
             store = Store(path, "mode=ro&immutable=1")
         with closing(store):
@@ -381,32 +347,7 @@ def finished_at(path: Path, configuration: Mapping[str, Any]) -> list[StoredTile
     if not path.exists():
         return []
     with looked_at(path) as store:
-        return list(store.summaries()) if as_text(store.configuration) == as_text(configuration) else []
-
-
-@contextmanager
-def _locked(path: Path) -> Iterator[Lock]:
-    """The lock of the store at `path`.
-
-    Raises
-    ------
-    StoreError
-        If another process holds it, naming that process, or there is a file of somebody else.
-    """
-    _refuse_others(path)
-    try:
-        lock = lock_of(path)
-    except BlockingIOError:
-        raise StoreError(f"{path}: a sweep is at work here ({holder(path)}); wait for it or stop it first") from None
-    try:
-        head = lock.head()  # what has our mark, or is too short for one, may be deleted, damaged or not
-        short = len(head) < PLACE_OF_APPLICATION.stop and MAGIC.startswith(head[: len(MAGIC)])
-        if not short and head[PLACE_OF_APPLICATION] != APPLICATION.to_bytes(4):
-            other = "lacks the mark of dimersweep, where what is finished is kept"
-            raise StoreError(f"{path}: {other}; move it, or give another output")
-        yield lock
-    finally:
-        lock.close()
+        return list(store.summaries()) if store.about["configuration"] == as_text(configuration) else []
 
 
 def holder(path: Path) -> str:
@@ -421,28 +362,49 @@ def holder(path: Path) -> str:
 
 
 @contextmanager
+def _owned(make: Maker[AnyStore], path: Path) -> Iterator[AnyStore]:
+    """The store at `path`, locked against other processes while the context lasts.
+
+    Raises
+    ------
+    StoreError
+        If another process holds it, naming that process, or there is a file of somebody else.
+    """
+    _refuse_others(path)
+    with ExitStack() as stack:
+        try:
+            head, honest = stack.enter_context(locked(path))
+        except BlockingIOError:
+            who = holder(path)
+            raise StoreError(f"{path}: a sweep is at work here ({who}); wait for it or stop it first") from None
+        # what has our mark, or is too short for one, may be deleted, damaged or not
+        short = len(head) < PLACE_OF_APPLICATION.stop and MAGIC.startswith(head[: len(MAGIC)])
+        if not short and head[PLACE_OF_APPLICATION] != APPLICATION.to_bytes(4):
+            other = "lacks the mark of dimersweep, where what is finished is kept"
+            raise StoreError(f"{path}: {other}; move it, or give another output")
+        store = stack.enter_context(closing(make(path, "mode=rwc" if honest else "mode=rwc&nolock=1")))
+        store.is_cut = not short and head[PLACE_OF_VERSIONS] != b"\1\1"  # SQLite would not write to it
+        yield store
+
+
+@contextmanager
 def opened_store(
-    path: Path | None,
-    configuration: Mapping[str, Any],
-    size: int,
-    check: Check = lambda row: "",
-    *,
-    force: bool = False,
-) -> Iterator[Store]:
+    make: Maker[AnyStore], path: Path | None, configuration: Mapping[str, Any], size: int, *, force: bool = False
+) -> Iterator[AnyStore]:
     """The store of this configuration, locked against other processes while the context lasts.
 
     If that ends with an error, and nothing was finished, no file is left behind.
 
     Parameters
     ----------
+    make : callable
+        `Store`, or what has the parameters and the verbs of it.
     path : Path, optional
         Without one it is in memory, and nobody else's.
     configuration : mapping
         All that decides the numbers, as JSON can hold it.
     size : int
         Number of points or parts.
-    check : callable
-        Why the results of a row, whose checksum holds, must not be used; "" if they may.
     force : bool
         Whether results of another configuration, or a damaged store, may be deleted. Sound ones of this very
         configuration are kept all the same.
@@ -453,23 +415,26 @@ def opened_store(
         If another process is at work there, what is there belongs to another configuration (with what differs), or
         it cannot be written.
     """
+    about = _about(configuration, size)
     if path is None:
-        with closing(Store(Path(":memory:"), "mode=memory")) as store:
-            store.begin(_about(configuration, size))
+        with closing(make(Path(":memory:"), "mode=memory")) as store:
+            store.begin(about)
             yield store
         return
     with ExitStack() as stack:
         with disk_errors(f"{path}", "nothing was computed"):
-            lock = stack.enter_context(_locked(path))
-            store = Store(path, _how(lock))
-            stack.callback(store.close)
-            try:
-                _take_up(store, lock, configuration, size, check)
-            except StoreError:
-                if not force:
-                    raise
-                store.clear(lock)
-                _take_up(store, lock, configuration, size, check)
+            trouble = _mended(make, path, about, force=force)
+            store = stack.enter_context(_owned(make, path))
+            for setting in ("writable_schema = OFF", "synchronous = FULL"):
+                store.pragma(setting)
+            if store.is_new():
+                store.begin(about)
+                sync(path.parent)  # the new name must outlive a power cut
+            store.check_of(about)
+            store.trouble = trouble
+            delete(store.scratch)
+            with store.connection:
+                store.tell(process=os.getpid(), host=socket.gethostname(), since=time.strftime("%Y-%m-%d %H:%M:%S"))
         try:
             yield store
         except BaseException:
@@ -477,6 +442,21 @@ def opened_store(
                 if store.is_empty():
                     store.remove()
             raise
+
+
+def _mended(make: Maker[Store], path: Path, about: Mapping[str, Any], *, force: bool) -> list[str]:
+    """Make sure that what is at `path` is whole, and goes with what is asked for; what was damaged, in words."""
+    with _owned(make, path) as store:
+        try:
+            if store.is_new():
+                return []
+            store.check_of(about)
+            return store.mended()
+        except StoreError:
+            if not force:
+                raise
+            store.remove()
+            return []
 
 
 def _about(configuration: Mapping[str, Any], size: int) -> dict[str, Any]:
@@ -492,22 +472,3 @@ def _about(configuration: Mapping[str, Any], size: int) -> dict[str, Any]:
         "cpu": cpu(),
         "scratch": f".dimersweep-{uuid4().hex}.tmp",
     }
-
-
-def _take_up(store: Store, lock: Lock, configuration: Mapping[str, Any], size: int, check: Check) -> None:
-    """Begin a store, or go on with the one that is there if it goes with a configuration."""
-    if store.is_new():
-        store.begin(_about(configuration, size))
-        sync(store.path.parent)  # the new name must outlive a power cut
-    if as_text(store.configuration) != as_text(configuration):
-        changes = "".join(f"\n  {line}" for line in differences(store.configuration, configuration))
-        raise StoreError(
-            f"{store.path}: holds results of other settings, stopped before the end; "
-            f"begin anew with force=True, or give another output. What differs:{changes}"
-        )
-    if store.size != size:
-        why = f"tells of {store.size} points, where its grid has {size}"
-        raise StoreError(f"{store.path}: is damaged ({why}); begin anew (force=True)")
-    store.go_on(lock, check)
-    with store.writing():
-        store.tell(process=os.getpid(), host=socket.gethostname(), since=time.strftime("%Y-%m-%d %H:%M:%S"))

@@ -3,7 +3,8 @@
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
@@ -26,22 +27,20 @@ def tiles_of(out: Path) -> Path:
     return out.with_name(out.name + ".tiles")
 
 
-class TileStore:
+class TileStore(Store):
     """Results of a sweep in a store; get one from `tile_store`.
 
     Parameters
     ----------
-    out : Path, optional
-        The cube to be.
-    file : Store
+    path, how
+        See `Store`.
     kind : dtype
         Of the result of one point.
     """
 
-    def __init__(self, out: Path | None, file: Store, kind: np.dtype) -> None:
-        self.out, self.file, self.kind = out, file, kind
-        # without an output these are held here, once, and the store holds the summaries of tiles
-        self._results = None if out is not None else blank_results(file.size, kind)
+    def __init__(self, path: Path, how: str, kind: np.dtype) -> None:
+        super().__init__(path, how)
+        self.kind = kind
         self._waiting: list[Finished] = []
         self._waiting_bytes = 0
         self._since, self._pause = perf_counter(), FLUSH_SECONDS
@@ -49,44 +48,34 @@ class TileStore:
     @property
     def kept_if_refused(self) -> str:
         """What is kept if the disk refuses to write, in words."""
-        if self.file.is_empty():
+        if self.is_empty():
             return "nothing was finished before"
-        return f"what was finished before is kept in {self.file.path}; mend that and run the same again"
+        return f"what was finished before is kept in {self.path}; mend that and run the same again"
 
     @property
     def kept(self) -> str:
         """What is kept if the sweep is stopped now, in words."""
-        if self.out is None:
-            return "nothing is kept, as no output was given"
         done = sum(self.modes().values())
         if not done:
             return "nothing was finished yet"
-        return f"{words_for(self.file, done)} are kept in {self.file.path}; run the same again to go on"
+        return f"{words_for(self, done)} are kept in {self.path}; run the same again to go on"
 
     @property
     def wall(self) -> float:
         """Time of the sweep so far, with that of processes before this one [s]."""
-        return sum(row.wall for row in self.file.summaries())
+        return sum(row.wall for row in self.summaries())
 
     @property
     def seconds(self) -> float:
         """Sum of the times of all tiles [s]."""
-        return sum(row.seconds for row in self.file.summaries())
+        return sum(row.seconds for row in self.summaries())
 
     def modes(self) -> dict[str, int]:
         """Tally of the points that are kept."""
-        return dict(modes_of(self.file.summaries()))
-
-    def gaps(self) -> list[Tile]:
-        """The ranges that are not yet kept."""
-        return self.file.gaps()
+        return dict(modes_of(self.summaries()))
 
     def add(self, finished: Finished) -> None:
         """Keep a finished tile; it is on disk after `FLUSH_SECONDS` (more on a slow disk), or with the next `flush`."""
-        if self._results is not None:
-            here = self._results[slice(*finished.tile)]
-            here[:] = finished.results
-            finished = finished._replace(results=here)
         self._waiting.append(finished)
         self._waiting_bytes += finished.results.nbytes
         if perf_counter() - self._since > self._pause or self._waiting_bytes > FLUSH_BYTES:
@@ -113,7 +102,7 @@ class TileStore:
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
-        with disk_errors(f"{self.file.path}: finished tiles", self.kept_if_refused), self.file.writing():
+        with disk_errors(f"{self.path}: finished tiles", self.kept_if_refused), self.connection:
             yield
 
     def _pieces(self) -> Iterator[Finished]:
@@ -124,18 +113,17 @@ class TileStore:
             touching = waiting[first:last]
             seconds = sum(each.seconds for each in touching)
             whole = Tile(touching[0].tile.start, touching[-1].tile.stop)
-            if self._results is None:
-                results = np.concatenate([each.results for each in touching])
-            else:
-                results = self._results[slice(*whole)]
+            results = np.concatenate([each.results for each in touching])
             for tile in split([whole], max(1, FLUSH_BYTES // self.kind.itemsize)):
                 yield Finished(whole, results).part(tile)._replace(seconds=seconds)
                 seconds = 0.0
 
     def _put(self, piece: Finished, wall: float) -> None:
-        held = self._results is not None
-        results = b"" if held else np.ascontiguousarray(piece.results).view(np.uint8).data
-        self.file.put(piece.tile, json.dumps(tally(piece.codes)), results, seconds=piece.seconds, wall=wall)
+        results = self._packed(piece.results)
+        self.put(StoredTile(*piece.tile, json.dumps(tally(piece.codes)), piece.seconds, wall, results=results))
+
+    def _packed(self, results: np.ndarray) -> bytes | memoryview:
+        return np.ascontiguousarray(results).view(np.uint8).data
 
     def expect(self, total: int) -> None:
         """Note how many points are to be run, where that is not the whole grid.
@@ -145,21 +133,31 @@ class TileStore:
         StoreError
             If the disk refuses.
         """
-        if total != self.file.about["wanted"]:
+        if total != self.about["wanted"]:
             with self._writing():
-                self.file.tell(wanted=total)
+                self.tell(wanted=total)
 
     def drop(self, unwanted: Callable[[np.ndarray], np.ndarray]) -> None:
         """Forget the points that `unwanted` picks: results to bool, both of shape (n,)."""
-        for summary in list(self.file.summaries()):
-            (row,) = self.file.meeting(summary.start, summary.start + 1)
+        for summary in list(self.summaries()):
+            (row,) = self.meeting(summary.start, summary.start + 1)
             whole = self._finished(row)
             kept = [whole.part(tile) for tile in runs(~unwanted(whole.results), row.start)]
             if sum(len(piece.results) for piece in kept) < len(whole.results):
                 with self._writing():
-                    self.file.take_out(row.start)
+                    self.take_out(row.start)
                     for number, piece in enumerate(kept):
                         self._put(piece, 0.0 if number else row.wall)
+
+    def why_not(self, row: StoredTile) -> str:
+        """Why the results of a row must not be used; "" if they may."""
+        why = super().why_not(row)
+        if why or len(row.results) != (row.stop - row.start) * self.kind.itemsize:
+            return why or "has results of another shape"
+        codes = np.frombuffer(row.results, self.kind)["codes"]
+        modes = codes[:, CODE_MODE]
+        known = M_NOT_RUN < modes.min() <= modes.max() < len(MODES)
+        return "" if known and json.dumps(tally(codes)) == row.what else "has other modes than were listed"
 
     def _finished(self, row: StoredTile) -> Finished:
         return Finished(Tile(row.start, row.stop), np.frombuffer(row.results, self.kind))
@@ -172,13 +170,32 @@ class TileStore:
         StoreError
             If a tile was damaged since the store was opened.
         """
-        if self._results is not None:
-            return self._results[start:stop]
         results = blank_results(stop - start, self.kind)
-        for row in self.file.meeting(start, stop):
+        for row in self.meeting(start, stop):
             piece = self._finished(row).part(Tile(max(row.start, start), min(row.stop, stop)))
             results[piece.tile.start - start : piece.tile.stop - start] = piece.results
         return results
+
+
+class _HeldTiles(TileStore):
+    """Results of a sweep without an output: all in one array; the rows only tell of them."""
+
+    kept = "nothing is kept, as no output was given"
+
+    def __init__(self, path: Path, how: str, kind: np.dtype, size: int) -> None:
+        super().__init__(path, how, kind)
+        self._results = blank_results(size, kind)
+
+    def add(self, finished: Finished) -> None:
+        here = self._results[slice(*finished.tile)]
+        here[:] = finished.results
+        super().add(finished._replace(results=here))
+
+    def _packed(self, results: np.ndarray) -> bytes:
+        return b""
+
+    def read(self, start: int, stop: int) -> np.ndarray:
+        return self._results[start:stop]
 
 
 def words_for(store: Store, done: int) -> str:
@@ -195,20 +212,9 @@ def modes_of(rows: Iterable[StoredTile]) -> Counter[str]:
     return modes
 
 
-def _why_not(row: StoredTile, kind: np.dtype) -> str:
-    """Why the results of a row, each of `kind`, must not be used."""
-    if len(row.results) != (row.stop - row.start) * kind.itemsize:
-        return "has results of another shape"
-    codes = np.frombuffer(row.results, kind)["codes"]
-    modes = codes[:, CODE_MODE]
-    known = M_NOT_RUN < modes.min() <= modes.max() < len(MODES)
-    return "" if known and json.dumps(tally(codes)) == row.what else "has other modes than were listed"
-
-
-@contextmanager
 def tile_store(
     out: Path | None, configuration: Mapping[str, Any], size: int, kind: np.dtype = RESULT, *, force: bool = False
-) -> Iterator[TileStore]:
+) -> AbstractContextManager[TileStore]:
     """The finished tiles of the sweep for `out`, locked against other processes while the context lasts.
 
     Parameters
@@ -224,6 +230,5 @@ def tile_store(
     force : bool
         See `opened_store`, which also says what is raised.
     """
-    path = None if out is None else tiles_of(out)
-    with opened_store(path, configuration, size, lambda row: _why_not(row, kind), force=force) as file:
-        yield TileStore(out, file, kind)
+    make = partial(TileStore, kind=kind) if out is not None else partial(_HeldTiles, kind=kind, size=size)
+    return opened_store(make, None if out is None else tiles_of(out), configuration, size, force=force)

@@ -16,7 +16,6 @@ import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict
 
 from dimersweep.cubes.grid import axis_values, evenly
-from dimersweep.cubes.results import Tile
 from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.inputs import check_count
@@ -213,7 +212,7 @@ def make_borders(
     out = None if out is None else check_output(out, force=force, what="a table", endings=TABLES)
     settle_way(progress=False)
     start, makers = perf_counter(), declared.parts()
-    with opened_store(out and parts_of(out), declared.configuration, len(makers), force=force) as store:
+    with opened_store(Store, out and parts_of(out), declared.configuration, len(makers), force=force) as store:
         for line in store.trouble:
             warnings.warn(line, RuntimeWarning, stacklevel=2)
         before = _names(store.summaries())
@@ -255,8 +254,8 @@ def kept_part(store: Store, place: int, name: str, make: Callable[[], xr.Dataset
                 store.scratch.write_bytes(row.results)
             elif made is not None:
                 write_netcdf(made, store.scratch)
-                with store.writing():
-                    store.put(Tile(place, place + 1), name, store.scratch.read_bytes())
+                with store.connection:
+                    store.put(StoredTile(place, place + 1, name, results=store.scratch.read_bytes()))
             return read_netcdf(store.scratch)
         finally:
             delete(store.scratch)

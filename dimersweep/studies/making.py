@@ -58,7 +58,7 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
     ):
         if out is not None:
             check_output(out, force=replaces, endings=None)  # who held the lock before may have written it meanwhile
-        for line in store.file.trouble:
+        for line in store.trouble:
             warnings.warn(line, RuntimeWarning, stacklevel=3)  # of what has called sweep, search or refine
         if options.retry and "failed" in store.modes():
             store.drop(study.again)
@@ -70,7 +70,7 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
             cube = _finished(study, options, store, told | origin | dict(options.attrs))
             written = True
             if out is not None and not options.keep_tiles:
-                store.file.remove()
+                store.remove()
         except KeyboardInterrupt as stop:  # one that came while no points were run tells nothing
             kept = f"{out} is written" if written else store.kept
             raise Stopped(str(stop) or kept, getattr(stop, "signal", signal.SIGINT)) from None
@@ -111,14 +111,14 @@ def _finished(study: Study, options: Options, store: TileStore, told: Mapping[st
                 signed(study.template().assign_attrs(told), study.configuration()),
                 lambda tile, axes: replace(study, grid=axes).as_cube(store.read(*tile)),
                 out,
-                scratch=store.file.scratch,
+                scratch=store.scratch,
                 workers=options.workers,
             )
         return open_cube(out)
     cube = signed(study.as_cube(store.read(0, study.size)).assign_attrs(told), study.configuration())
     cube.attrs[CHECKSUM] = checksum_of(cube)
     if out is not None:
-        write_cube(cube, out, force=replaces, scratch=store.file.scratch, kept=store.kept_if_refused)
+        write_cube(cube, out, force=replaces, scratch=store.scratch, kept=store.kept_if_refused)
     return cube
 
 

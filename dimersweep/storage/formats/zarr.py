@@ -1,12 +1,9 @@
 """Cubes larger than memory: Zarr groups of the same layout, written block after block of grid points."""
 
-import os
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import product
-from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +17,12 @@ from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Tile
 from dimersweep.errors import StoreError, one_line
 from dimersweep.storage.blocks import blocks, chunk_shape
-from dimersweep.storage.checking import checksum_of, is_whole
+from dimersweep.storage.checking import soundness
 from dimersweep.storage.files import replacing, sync
 from dimersweep.storage.formats.format import Format
 from dimersweep.storage.provenance import CHECKSUM
 
-WRITERS = 4  # threads at most: each holds a block of some 100 MB, and the disk is soon the limit
+WRITERS = 4  # threads at most: the disk is soon the limit
 
 
 OLDEST_ZARR = (3, 1)  # of zarr: earlier ones may run code that a store brings along
@@ -60,7 +57,7 @@ def write_zarr(
 ) -> None:
     """Write the cube of a grid block by block into `scratch`, on the same disk, which then takes the name `path`.
 
-    Blocks are read and summed one after the other, and written by threads.
+    Blocks are read and summed one after the other, and written by threads; two of them are held at once.
 
     Parameters
     ----------
@@ -81,44 +78,30 @@ def write_zarr(
     """
     import zarr
 
+    template, (made_with,) = _template(grid, small), small["made_with"].values.ravel()
+    checksum, writing = Checksum(template), list[Future[None]]()
     # chunks of nothing but missing values are written too, so that one that is missing is known to be lost
-    with replacing(path, scratch), zarr.config.set({"array.write_empty_chunks": True}):
-        template, (made_with,) = _template(grid, small), small["made_with"].values.ravel()
+    whole = zarr.config.set({"array.write_empty_chunks": True})
+    with replacing(path, scratch), whole, ThreadPoolExecutor(min(workers, WRITERS)) as threads:
         template.to_zarr(scratch, mode="w", compute=False, consolidated=False)
-        group, checksum = zarr.open_group(scratch, mode="r+"), Checksum(template)
+        group = zarr.open_group(scratch, mode="r+")
         arrays = dict(group.arrays())
         for name in template.coords:
             checksum.add(name, template[name].values)
-
-        def each_block() -> Iterator[tuple[xr.Dataset, tuple[slice, ...]]]:
-            for tile, where in blocks(grid.shape):
-                axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
-                block = block_of(tile, Grid(axes, {}))
-                block["made_with"] = xr.full_like(block["mode"], made_with, dtype=np.int64)
-                for name, variable in block.data_vars.items():
-                    checksum.add(name, variable.values)
-                yield block, where
-
-        def write(block: xr.Dataset, where: tuple[slice, ...]) -> None:
+        for tile, where in blocks(grid.shape):
+            axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
+            block = block_of(tile, Grid(axes, {}))
+            block["made_with"] = xr.full_like(block["mode"], made_with, dtype=np.int64)
+            for future in writing:
+                future.result()
+            writing = []
             for name, variable in block.data_vars.items():
-                arrays[str(name)][where] = variable.values
-
-        _each(workers, write, each_block())
-        group.attrs[CHECKSUM] = checksum.digest()
-        files = (Path(folder, name) for folder, _, names in os.walk(scratch) for name in names)
-        _each(workers, sync, ((file,) for file in files))
-
-
-def _each(workers: int, call: Callable[..., None], given: Iterable[tuple[Any, ...]]) -> None:
-    """Make a call with each of `given` in threads, `WRITERS` at most; what is given is asked for when its turn comes."""
-    most, running = min(workers, WRITERS), deque[Future[None]]()
-    with ThreadPoolExecutor(most) as threads:
-        for arguments in given:
-            if len(running) == most:
-                running.popleft().result()
-            running.append(threads.submit(call, *arguments))
-        for future in running:
+                checksum.add(name, variable.values)
+                writing.append(threads.submit(arrays[str(name)].__setitem__, where, variable.values))
+        for future in writing:
             future.result()
+        group.attrs[CHECKSUM] = checksum.digest()
+        list(threads.map(sync, (path for path in scratch.rglob("*") if path.is_file())))
 
 
 def _template(grid: Grid, small: xr.Dataset) -> xr.Dataset:
@@ -147,19 +130,14 @@ def _chunks_of(variable: xr.Variable) -> tuple[int, ...]:
     return tuple(variable.encoding.get("chunks") or variable.shape)
 
 
-def _lacking(folder: Path, variable: xr.Variable) -> int:
-    """How many chunks of a variable have no file."""
-    expected = prod(-(-length // chunk) for length, chunk in zip(variable.shape, _chunks_of(variable), strict=True))
-    if not variable.dims:
-        return 0 if (folder / "c").is_file() else 1
-    return expected - sum(len(names) for _, _, names in os.walk(folder / "c"))
-
-
-def _lacks_some(folder: Path, variable: xr.Variable, where: tuple[Any, ...]) -> bool:
-    """Whether a chunk that has values at `where` has no file."""
-    places = (np.arange(length)[part] for length, part in zip(variable.shape, where, strict=True))
-    numbers = (np.unique(place // chunk).tolist() for place, chunk in zip(places, _chunks_of(variable), strict=True))
-    return not all((folder / "c").joinpath(*map(str, place)).is_file() for place in product(*numbers))
+def _lacking(folder: Path, variable: xr.Variable, where: tuple[Any, ...] | None = None) -> int:
+    """How many of the chunks that have values at `where`, or of all, have no file."""
+    sizes = list(zip(variable.shape, _chunks_of(variable), strict=True))
+    numbers: list[Any] = [range(-(-length // chunk)) for length, chunk in sizes]
+    if where is not None:
+        parts = zip(sizes, where, strict=True)
+        numbers = [np.unique(np.arange(length)[part] // chunk) for (length, chunk), part in parts]
+    return sum(not (folder / "c").joinpath(*map(str, place)).is_file() for place in product(*numbers))
 
 
 class _Numbers:
@@ -181,7 +159,7 @@ class _Numbers:
             raise
         except Exception as error:  # each way to compress has its own
             why = f"{self.name} cannot be read ({one_line(error)})"
-        if not why and self.whole and _lacks_some(self.path / self.name, self.variable, where):
+        if not why and self.whole and _lacking(self.path / self.name, self.variable, where):
             why = f"{self.name} lacks some of its chunks"
         if _description_of(self.path) != self.description:
             gone = "is not the cube that was opened any more (it was replaced, moved or deleted)"
@@ -223,12 +201,14 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
             variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
     # sweeps write all chunks, but xarray writes none of missing values, or zeros, alone: then all values must be there
     name, number = next(((name, number) for name, number in lacking.items() if number), ("", 0))
-    if number and "dimersweep_cube" in cube.attrs and not is_whole(cube):
+    ours = number > 0 and "dimersweep_cube" in cube.attrs
+    found = soundness(cube) if ours else ""
+    if found == "part":
         raise StoreError(
             f"{path}: is a part of a cube, of which {name} lacks {number} chunks: lost, or not written as they hold nothing; "
             "write it with zarr.config.set({'array.write_empty_chunks': True}), or as NetCDF"
         )
-    if number and "dimersweep_cube" in cube.attrs and checksum_of(cube) != cube.attrs.get(CHECKSUM):
+    if found == "changed" or (ours and CHECKSUM not in cube.attrs):
         raise StoreError(f"{path}: is damaged: {name} lacks {number} of its chunks; sweep it again (force=True)")
     yield cube
 
