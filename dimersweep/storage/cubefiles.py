@@ -129,8 +129,6 @@ def _opened(path: Path) -> Iterator[xr.Dataset]:
     if os.path.isdir(path) and not found.marker:
         folders = " or ".join(each.ending for each in FORMATS.values() if each.marker)
         raise StoreError(f"{path}: is a folder; give a NetCDF file, or a folder that ends in {folders}")
-    if not os.path.exists(path):  # a name that no file can have is no error for it
-        raise StoreError(f"{path}: no such file")
     with found.opened(path) as cube:
         configuration = configuration_of(cube, "cube", path, found.noun)
         try:
