@@ -12,15 +12,14 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from dimersweep.orbits.branch import Axis, Point
-from dimersweep.orbits.continuation import SEARCHING, steps
+from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.curve import Curve, Found, crossings
 from dimersweep.orbits.kinds import Bifurcation, change_of
 from dimersweep.orbits.manifold import eigenvector
 from dimersweep.orbits.newton import TOLERANCE, fixed_at, newton
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import TURN, OrbitLost, ReturnMap, first_found, singular_lost
-from dimersweep.orbits.specials import Special, specials
+from dimersweep.orbits.specials import Special
 from dimersweep.orbits.stability_end import stability_end
 
 SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
@@ -189,26 +188,12 @@ class BifurcationCurve(Curve, of=Bifurcation):
 
     def _from(self, orbit: PeriodicOrbit) -> Found:
         """The first point of the border on the branch, to either side; one that ends stability goes before."""
-        ways, reasons = self._ways(orbit), []
-        if orbit.stable:
-            for way in ways:
-                with suppress(OrbitLost):
-                    end = stability_end(way)
-                    if end.kind is self.kind:
-                        return self.taken_up(end)
-        for way in ways:
-            try:
-                return self.taken_up(self._met(way))
-            except OrbitLost as reason:
-                reasons.append(str(reason))
-        raise OrbitLost(f"along {self.parameter}: {'; '.join(reasons)}")
-
-    def _met(self, point: Point) -> Special:
-        for a, b, _ in steps(point, SEARCHING):
-            for special in specials(a, b, sequences=False)[0]:
-                if special.kind is self.kind:
-                    return special
-        raise OrbitLost(f"none within {SEARCHING.tries} points of the branch")
+        ways = self._ways(orbit)
+        for way in ways if orbit.stable else ():
+            with suppress(OrbitLost):
+                if (end := stability_end(way)).kind is self.kind:
+                    return self.taken_up(end)
+        return first_found(partial(lambda way: self.taken_up(self._met(way)), way) for way in ways)
 
     def taken_up(self, special: Special) -> Found:
         """The point of the border at a special point of a branch.

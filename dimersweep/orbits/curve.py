@@ -15,13 +15,13 @@ import xarray as xr
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_numbers, check_rtol, number
 from dimersweep.orbits.branch import Axis, Point, point_of
-from dimersweep.orbits.continuation import Between, Q, halved, zero
+from dimersweep.orbits.continuation import SEARCHING, Between, Q, halved, steps, zero
 from dimersweep.orbits.finding import checked, checked_spin, orbit_at
 from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, Kind, ball_flip, ball_fold
 from dimersweep.orbits.orbit import DOUBLING, Column, PeriodicOrbit, dataset
 from dimersweep.orbits.passage import Sides, far_ends
 from dimersweep.orbits.poincare import OrbitLost, Recorder, ReturnMap, in_steps
-from dimersweep.orbits.specials import MOST_CHANGES
+from dimersweep.orbits.specials import MOST_CHANGES, Special, specials
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
@@ -195,6 +195,21 @@ class Curve(ABC):
     @abstractmethod
     def _from(self, orbit: PeriodicOrbit) -> Found:
         """The point of the border on the branch through an orbit; lost if there is none."""
+
+    def _met(self, way: Point) -> Special:
+        """The first point of this kind along a branch; lost if there is none."""
+        for a, b, _ in steps(way, SEARCHING):
+            for special in self._specials(a, b)[0]:
+                if self._is_met(special):
+                    return special
+        raise OrbitLost(f"none within {SEARCHING.tries} points of the branch")
+
+    def _specials(self, a: Point, b: Point) -> tuple[list[Special], Any]:
+        """Special points of a step of a branch."""
+        return specials(a, b, sequences=False)
+
+    def _is_met(self, special: Special) -> bool:
+        return special.kind is self.kind
 
     def _ways(self, orbit: PeriodicOrbit) -> list[Point]:
         """The first point of the branch through an orbit, in each sense of the parameter in which the border is looked for."""

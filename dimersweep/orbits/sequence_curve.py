@@ -88,7 +88,7 @@ class SequenceCurve(Curve, of=Change):
         """
         ways = self._ways(orbit)
         if not comes_to_rest(ways[0]):
-            return self._taken_up(self._first_met(ways))
+            return self._taken_up(first_found(partial(self._met, way) for way in ways))
         changes = [special for way in ways for special in self._changes(way)]
         if not changes and orbit.stable and far_ends(orbit.sequence) == 1:
             return self._to_pieces(ways)
@@ -114,15 +114,6 @@ class SequenceCurve(Curve, of=Change):
 
     def _is_met(self, special: Special) -> bool:
         return special.kind.of_sequence and self.kind in (ANY_CHANGE, special.kind)
-
-    def _first_met(self, ways: list[Point]) -> Special:
-        for way in ways:
-            with suppress(OrbitLost):
-                for a, b, _ in steps(way, SEARCHING):
-                    for special in self._specials(a, b)[0]:
-                        if self._is_met(special):
-                            return special
-        raise OrbitLost(f"no {self.kind.name} is met by a motion that comes to no rest")
 
     def _changes(self, begin: Point) -> Iterator[Special]:
         """Changes of this kind along a branch, up to where it turns round, goes to pieces or is lost."""
