@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import takewhile
@@ -20,13 +19,13 @@ from dimersweep.orbits.finding import checked, checked_spin, orbit_at
 from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, Kind, ball_flip, ball_fold
 from dimersweep.orbits.orbit import DOUBLING, Column, PeriodicOrbit, dataset
 from dimersweep.orbits.passage import Sides, far_ends
-from dimersweep.orbits.poincare import OrbitLost, Recorder, ReturnMap, in_steps
+from dimersweep.orbits.poincare import OrbitLost, Recorder, ReturnMap
 from dimersweep.orbits.specials import MOST_CHANGES, Special, specials
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
 STATUS_LENGTH = 100  # of a status at most
-SHORTEST = 1 / 32  # step from one point of a curve to the next, in the whole of it
+HALVINGS = 4  # of a step from one point of a curve to the next
 
 
 class Found(NamedTuple):
@@ -158,16 +157,26 @@ class Curve(ABC):
         raise NotImplementedError
 
     def _stepped(self, given: dict[str, float], near: list[Found]) -> Found:
-        """The point reached from neighbours, or from the nearest in shorter steps where one is too wide."""
-        begin = given | near[0].orbit.parameters
+        """The point reached from neighbours, or from the nearest in two steps, or four, and so on, where one is too wide.
 
-        def step(at: Found, to: float) -> Found:
-            between = {name: begin[name] + to * (value - begin[name]) for name, value in given.items()}
-            return self._next(given if to == 1.0 else between, [at])
-
-        with suppress(OrbitLost):
+        Steps are not made longer on the way: a curve that ends there would be tried in vain again and again.
+        """
+        try:
             return self._next(given, list(takewhile(near[0].alike, near)))
-        return in_steps(step, near[0], SHORTEST, 0.5)
+        except OrbitLost:
+            return self._by_halves(given, near[0], HALVINGS)
+
+    def _by_halves(self, given: dict[str, float], near: Found, depth: int) -> Found:
+        known = near.orbit.parameters
+        middle = {name: 0.5 * (value + known.get(name, value)) for name, value in given.items()}
+        for target in (middle, given):
+            try:
+                near = self._next(target, [near])
+            except OrbitLost:
+                if depth == 0:
+                    raise
+                near = self._by_halves(target, near, depth - 1)
+        return near
 
     def extrapolated(self, near: list[Found]) -> np.ndarray:
         """The next point on the line or parabola through neighbours at equal distances."""

@@ -72,12 +72,12 @@ def first_found(ways: Iterable[Callable[[], T]]) -> T:
     raise reason
 
 
-def in_steps(step: Callable[[T, float], T], begin: T, least: float, first: float = 1.0) -> T:
+def in_steps(step: Callable[[T, float], T], begin: T, least: float) -> T:
     """Where steps lead, each from where the one before has led, up to a share of the way; half as long where one is lost.
 
-    It is lost where steps would have to be shorter than `least`; `first` is the length of the first one.
+    It is lost where steps would have to be shorter than `least`.
     """
-    here, done, length = begin, 0.0, first
+    here, done, length = begin, 0.0, 1.0
     while done < 1.0:
         to = min(1.0, done + length)
         try:
