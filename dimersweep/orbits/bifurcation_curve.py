@@ -13,7 +13,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from dimersweep.orbits.branch import Axis
-from dimersweep.orbits.curve import Curve, Found, crossings
+from dimersweep.orbits.curve import REACH, Curve, Found, crossings
 from dimersweep.orbits.kinds import Bifurcation, change_of
 from dimersweep.orbits.manifold import eigenvector
 from dimersweep.orbits.newton import TOLERANCE, fixed_at, newton
@@ -23,7 +23,6 @@ from dimersweep.orbits.specials import Special
 from dimersweep.orbits.stability_end import stability_end
 
 SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
-GUESS_REACH = 0.5  # distance from the first guess, in units of the section
 BACK = (0.0, 1e-3 * TURN, -1e-3 * TURN)  # phases of the plate at which the spin is put back [rad], as they are tried
 DOUBLED_FOLD = "flip-doubled_fold"  # where the orbit of twice the period has its fold on the flip itself
 KINK = 1e-2  # distance of all multipliers from the border's beyond which they are those of another map
@@ -113,7 +112,7 @@ class BorderEquations:
         """The point of the border near a guess, from a derivative nearby; lost if Newton's method does not come to one."""
 
         def residual(there: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
-            if np.abs(there - u)[[*range(self.n), -1]].max() > GUESS_REACH:
+            if np.abs(there - u)[[*range(self.n), -1]].max() > REACH:
                 raise OrbitLost(f"Newton's method for the {self.kind.name} goes too far")
             return self.value(there)
 

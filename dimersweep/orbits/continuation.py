@@ -32,8 +32,10 @@ class StepLengths(NamedTuple):
     tries: int
 
 
-FOLLOWING = StepLengths(0.02, 0.25, 1e-6, 1.3, 1_000_000)  # its points are what is asked for
-SEARCHING = StepLengths(0.1, 0.1, 1e-5, 1.5, 120)  # what is asked for lies between its points
+# of a curve whose points are what is asked for
+FOLLOWING = StepLengths(first=0.02, longest=0.25, shortest=1e-6, growth=1.3, tries=1_000_000)
+# of one between whose points lies what is asked for
+SEARCHING = StepLengths(first=0.1, longest=0.1, shortest=1e-5, growth=1.5, tries=120)
 
 
 class OnPlanes(Protocol):

@@ -25,6 +25,7 @@ from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
 STATUS_LENGTH = 100  # of a status at most
+REACH = 0.3  # of a point of a curve from where it is looked for, in units of the section
 HALVINGS = 4  # of a step from one point of a curve to the next
 
 

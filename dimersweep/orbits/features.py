@@ -25,7 +25,6 @@ from dimersweep.symbols import ENDS
 
 VIEWS = TURN * np.arange(8) / 8  # phases of the plate at which the gaps are taken
 ALIKE_WITHIN = 0.02  # places at the same spin that are one, in units of g/omega^2
-SPIN_SLACK = 0.01  # of the spin, by which a motion may lie beyond the family that was followed
 REPEATS_WITHIN = 1e-3  # places in two periods of the plate that are one, in the same units
 MOST_BENT = 0.2  # place of a family beside its interpolation at most, in the same units
 CARRIED_TO = 9  # spins at which the orbits of a family are found; between them its place is interpolated
@@ -156,7 +155,7 @@ class Carried:
 
     def at(self, spin: float) -> Features | None:
         """The family at a spin, or None where it was not found."""
-        one, slack = self.views[0], SPIN_SLACK * max(1.0, abs(spin))
+        one, slack = self.views[0], MISSING_OVER * max(1.0, abs(spin))
         spins = [view.spin for view in self.views]
         if not spins[0] - slack <= spin <= spins[-1] + slack:
             return None

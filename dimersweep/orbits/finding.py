@@ -25,7 +25,7 @@ from dimersweep.runs.run import Run
 
 Start = tuple[ReturnMap, np.ndarray]
 
-RTOL = 1e-12
+RTOL = 1e-12  # accuracy of the map, where none is asked for
 TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
 ONE_ORBIT = 1e-6  # radii and phases of two orbits that are one, relative to each other
 SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated

@@ -9,7 +9,7 @@ from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 
 TOLERANCE = 10.0  # residual of an orbit over the rtol of the map
 NEWTON_STEPS, QUICK_FALL = 25, 0.2  # Newton steps at most; a residual that falls by less asks for a new derivative
-STEP_HALVINGS = 6
+STEP_HALVINGS = 6  # tries to come nearer: a step, its half, its quarter ...
 NEAR_ENOUGH = 1e3  # residual, over the target, of steps that come no nearer but are near enough
 
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from dimersweep.orbits.branch import Equations, Mark, Point, lent, with_derivatives
 from dimersweep.orbits.continuation import SEARCHING, Between, steps
-from dimersweep.orbits.curve import Curve, Found
+from dimersweep.orbits.curve import REACH, Curve, Found
 from dimersweep.orbits.kinds import ANY_CHANGE, COMPLEX, FLIP, FOLD, Change, change_of
 from dimersweep.orbits.manifold import lag, multipliers_of
 from dimersweep.orbits.newton import defect, system
@@ -26,7 +26,6 @@ from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, first_found,
 from dimersweep.orbits.specials import MOST_CHANGES, Special, graze, last_with, least_gap, specials
 from dimersweep.orbits.stability_end import across, beyond_gap, is_stable, last_that
 
-POINT_REACH = 0.2  # of a point of a curve from where it is looked for, in units of the section
 WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of sequence, in the parameter over its scale
 SAME_CHANGE = 1e-7  # distance of two changes of sequence that are one, in the parameter over its scale
 BENT = 1e-2  # difference of multipliers to one side of a point and to both, beyond which the map has a kink there
@@ -278,7 +277,7 @@ class SequenceCurve(Curve, of=Change):
         y, known = self._ahead(given, near, mark)
         equations = _equations(self._beside(given, near, y), mark)
         at, _ = equations.solved(y, equations.derivative, known, MOST_DERIVATIVES)
-        if np.abs(at.y - y).max() > POINT_REACH or not sides.here(at.sequence):
+        if np.abs(at.y - y).max() > REACH or not sides.here(at.sequence):
             raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {equations.near.value:.6g}")
         self._smooth(at, near, y[-1])
         return self._at_zero(at, sides, mark)
@@ -305,7 +304,7 @@ class SequenceCurve(Curve, of=Change):
                 image = m.image(y[:-1])
                 moved = mark(m, image) - mark(near.map, near.fixed.image)
                 fails = np.append(defect(m, y[:-1], image, self.spin), moved)
-                if np.abs(fails).max() < POINT_REACH:
+                if np.abs(fails).max() < REACH:
                     return y - np.linalg.solve(known, fails / part), known
         return y, known
 

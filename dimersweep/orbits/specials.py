@@ -26,7 +26,6 @@ from dimersweep.orbits.poincare import TURN, Image, OrbitLost, ReturnMap
 MOST_CHANGES = 12  # sequence changes within one step; places at which an orbit is lost and found again
 # distance of points on both sides of a change of sequence that belong to one branch, in units of the section
 JOINED = 0.1
-SHORTEST_SHARE = 1e-10  # share of a step to which a change of sequence is located where the parameter hardly changes
 FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
 GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
 BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
@@ -176,7 +175,7 @@ class Bracket:
         Where the image of the middle has another sequence, the middle lies beyond, whether there is an orbit or not.
         """
         for _ in range(MOST_CHANGES):
-            while (self.high - self.low) * self.length > width and self.high - self.low > SHORTEST_SHARE:
+            while (self.high - self.low) * self.length > width:
                 middle = 0.5 * (self.low + self.high)
                 try:
                     self._take(middle, self.left)

@@ -25,7 +25,6 @@ NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which
 GAP = 1e-2  # part of the parameter over which an orbit may be missing or leap
 GAPS = (0.1 * GAP, GAP)  # beyond which it is taken up
 FIRST_PUSH, LAST_PUSH, PUSH_GROWTH = 1e-5, 1e-9, 3.0  # steps of the parameter to the last stable orbit
-AHEAD = (1e-5, 1e-4, 1e-3, 1e-2)  # how far beyond the last orbit of a branch the sequence is looked at
 
 Holds = Callable[[Point], bool]  # a property of an orbit
 
@@ -197,7 +196,7 @@ def _is_stable_on_own_side(beyond: Point) -> bool:
 def _kind_beyond(last: Point) -> Kind:
     """The kind of change where a branch does not go on, from images of points beyond, which are no orbits."""
     sequence = last.fixed.image.passage.whole_sequence
-    for by in AHEAD:
+    for by in np.geomspace(FIRST_PUSH, GAP, 4):
         with suppress(OrbitLost):
             other = last.axis.image(last.map, last.y + by * last.tangent).passage.whole_sequence
             if other != sequence:
