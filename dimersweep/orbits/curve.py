@@ -265,7 +265,7 @@ class Curve(ABC):
             yield {self.parameter: low + share * wide}
 
 
-class Along(Between[Q]):
+class Onward(Between[Q]):
     """The points of a step of a border, each found from the last one before it, whose equations are nearly its own."""
 
     def near(self, share: float) -> Q:
@@ -294,7 +294,7 @@ class Place:
 
         Places are so well `known`, as a share of the way; those that are not are left out.
         """
-        at, low = Along(self, b), 0.0
+        at, low = Onward(self, b), 0.0
 
         def zero_of(name: str) -> float | None:
             return zero(at, lambda place: place.tests()[name], known)

@@ -180,6 +180,8 @@ def border_curve(
     if kind not in allowed:
         raise ParameterError(f"kind = {kind!r}: has no curve (allowed: {', '.join(allowed)})")
     check_name(other)
+    if parameter in fixed:
+        raise ParameterError(f"{parameter}: is given twice")
     try:
         low, high = (number("span", value, PARAMETERS[other].units) for value in span)
     except (TypeError, ValueError):
