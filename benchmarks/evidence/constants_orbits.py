@@ -1,25 +1,22 @@
-"""What each constant of the orbits decides: ``python benchmarks/evidence/constants_orbits.py``.
+"""What each constant of the orbits decides: see `constants.py`.
 
-Each number that stands by itself in a file of `dimersweep/orbits` is halved and doubled, one at a time, and the same is asked:
-orbits of several motions, branches with their special points, borders of random dimers, a curve of a change of symbols, a
-family, which motions it tells apart, an edge. Each change is made in a process of its own, which reads the changed source; the
-kernel is loaded once.
+The same is asked each time: orbits of several motions, branches with their special points, borders of random dimers, curves of
+changes of symbols, and where these meet others, families, which motions they tell apart, an edge. Each change is made in a
+process of its own, which reads the changed source; the kernel is loaded once. It takes an hour.
 """
 
-import argparse
 import ast
-import importlib.abc
 import importlib.machinery
 import multiprocessing
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from borders_random import random_dimer
-from constants import number_of
+from constants_table import FACTORS, Constant, changed, meaning_of, numbers, print_table
 
 import dimersweep
 
@@ -29,79 +26,61 @@ LONGEST = 60.0  # time of the processor for all answers [s]
 ALIKE = 1e-7  # relative difference of numbers up to which an answer is the same
 JUMP: dict[str, Any] = {"Gamma": 1.3, "beta0": 0.0, "xdot0": 0.0, "periods": 300}
 MANY_SEQUENCES: dict[str, Any] = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5.1e-3, "r_2": 5e-3}
+GRAZES: dict[str, Any] = {"A_r": 7.0, "spin": 100.0}
 DIMERS = {"stable_to": (3, 5, 8, 9), "hop": (3, 7), "chatter": (4, 8)}  # numbers of random dimers
+BORDERS = ("fold", "flip", "hop", "stick_slip", "chatter", "curve", "stable")
 ASKED_OF = {  # files of which few questions are asked: parts of their names
     "edges": ("edge",),
     "families": ("family", "alike"),
     "features": ("alike",),
     "finding": ("drift", "plane", "far", "jump", "slips", "word", "alike", "family over"),
     "following": ("down", "up"),
+    "border_grid": BORDERS,
+    "curve": BORDERS,
     "bifurcation_curve": ("fold", "flip", "stable_to"),
-    "stability_end": ("stable_to",),
-    "sequence_curve": ("hop", "chatter", "curve"),
+    "stability_end": ("stable", "hop"),
+    "sequence_curve": ("hop", "stick_slip", "chatter", "curve"),
     "plane_curve": ("curve",),
+    "pictures": (),
 }
-HEAD = """
-## Orbits
+MATHEMATICS = "TURN", "FOLD.at", "FLIP.at"
+HEAD = f"""
+# What the constants of the orbits decide
 
-`python benchmarks/evidence/constants_orbits.py` halves and doubles each number of `dimersweep/orbits`, and asks the same
-questions each time, those that its file has to do with. Columns: by how much the work changes, in forcing periods of the map;
-and which answers differ by more than {alike:g} (`~` by less than a thousandth, `lost` if there is none any more). One that
-nothing notices guards against what these questions lack.
-
-| constant | value | what it is | | work | answers |
-|---|---|---|---|---|---|"""
-
-
-def numbers(tree: ast.Module) -> Iterator[tuple[str, ast.expr, float]]:
-    """Numbers that stand in the names of a file: a name, with the place in its row, the expression, and the number."""
-    for node in tree.body:
-        if not isinstance(node, ast.Assign):
-            continue
-        target, value = node.targets[0], node.value
-        both = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-        for name, whole in zip(target.elts, value.elts, strict=True) if both else [(target, value)]:
-            if not isinstance(name, ast.Name) or not name.id.isupper() or name.id == "TURN":
-                continue
-            row = whole.elts if isinstance(whole, ast.Tuple) else whole.args if isinstance(whole, ast.Call) else [whole]
-            for k, each in enumerate(row):
-                # of a product with a name, as TURN, the number
-                part = each.left if isinstance(each, ast.BinOp) and number_of(each.right) is None else each
-                if number := number_of(part):
-                    yield name.id if len(row) == 1 else f"{name.id}[{k}]", part, number
+`python benchmarks/evidence/constants.py orbits` halves and doubles each number of `dimersweep/orbits`, and asks the same
+questions each time, those that its file has to do with. The last column has what it notices, halved / doubled: change of the
+work, in forcing periods of the map; and which answers differ by more than {ALIKE:g} (`~` by less than a thousandth, `lost` if
+there is none any more). What none of them notices is a guard, with the reason why it stands.
+"""
 
 
-class Changed(importlib.machinery.SourceFileLoader):
-    """Loads a file of the room, with one number changed."""
+def listed() -> list[Constant]:
+    """Those that are in the table."""
+    found = []
+    for file in sorted(FOLDER.glob("*.py")):
+        text = file.read_text()
+        for name, _, number in numbers(ast.parse(text)):
+            if name not in MATHEMATICS:
+                found.append(Constant(f"orbits.{file.stem}", name, number, meaning_of(text, name)))
+    return found
 
-    change: tuple[str, str, float] = "", "", 1.0  # a file, the name of the number, and the factor
 
-    def get_code(self, fullname: str) -> Any:
-        """The code of the file."""
+def load_changed(one: Constant, factor: float) -> None:
+    """Have the file of a constant loaded with its number changed."""
+    usual = importlib.machinery.SourceFileLoader.get_code
+
+    def get_code(self: Any, fullname: str) -> Any:
+        if fullname != f"dimersweep.{one.file}":
+            return usual(self, fullname)
         path = self.get_filename(fullname)
         tree = ast.parse(self.get_data(path))
-        file, name, factor = self.change
-        for each, node, number in numbers(tree) if Path(path).stem == file else ():
-            if each == name:
-                vars(node).update(vars(ast.parse(repr(changed(number, factor)), mode="eval").body))
-                node.__class__ = ast.Constant  # type: ignore[assignment]
+        for name, node, number in numbers(tree):
+            if name == one.name:
+                body = ast.parse(repr(changed(number, factor)), mode="eval").body
+                node.__class__, node.__dict__ = type(body), vars(body)
         return compile(tree, path, "exec")
 
-
-def changed(number: float, factor: float) -> float:
-    """A number times a factor; counts stay counts, and at least 1."""
-    return number * factor if isinstance(number, float) else max(1, int(number * factor))
-
-
-class Finder(importlib.abc.MetaPathFinder):
-    """Finds the files of the room for `Changed`."""
-
-    def find_spec(self, fullname: str, path: Any, target: Any = None) -> Any:
-        """Where a module of the room is."""
-        if not fullname.startswith(f"{ROOM}."):
-            return None
-        file = str(FOLDER / f"{fullname.rpartition('.')[2]}.py")
-        return importlib.machinery.ModuleSpec(fullname, Changed(fullname, file), origin=file)
+    importlib.machinery.SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
 
 
 def questions() -> dict[str, Callable[[], list[Any]]]:
@@ -122,8 +101,10 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
         return [entry for name in columns for entry in found[name].values.ravel().tolist()]
 
     def border(kind: str, over: Any = None, **dimer: float) -> Callable[[], list[Any]]:
-        given = {"over": over or {"e": [dimer.pop("e")]}} | dimer
-        return lambda: table(orbits.border(kind, "Gamma", **given), "Gamma", "status")
+        over = over or {"e": [dimer["e"]]}
+        fixed = {name: value for name, value in dimer.items() if name not in over}
+        columns = ("Gamma", "status", "Gamma_at_meeting", *(["doubling"] if kind == "flip" else []))
+        return lambda: table(orbits.border(kind, "Gamma", over, **fixed), *columns)
 
     def family(low: float, high: float, points: int, **given: float) -> Callable[[], list[Any]]:
         def ask() -> list[Any]:
@@ -142,7 +123,14 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
         found = orbits.edge("beta0", (0.24, 0.28))
         return [found.value, *found.fates, found.stays, found.partner, found.clean]
 
+    def line(kind: str, *e: float, **given: float) -> Callable[[], list[Any]]:
+        return border(kind, {"e": list(e)}, spin=100.0, **given)
+
+    def curve(kind: str, *span: float) -> Callable[[], list[Any]]:
+        return lambda: table(orbits.border_curve(kind, "Gamma", "e", span=span, spin=100.0), "e", "Gamma", "meets")
+
     begin = orbits.find(spin=100.0)
+    grazes = orbits.find(Gamma=1.345, e=0.46, **GRAZES)
     return {
         "drift": lambda: orbit(spin=100.0),
         "plane": lambda: orbit(spin=0.0),
@@ -153,7 +141,16 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
         "up": lambda: table(orbits.follow(begin, "Gamma", to=1.25, points=30, switch=True), "Gamma", "special"),
         **{kind: border(kind, {"A_r": [5.0, 6.0]}, spin=100.0) for kind in ("fold", "flip")},
         **{f"{kind} {k}": border(kind, **random_dimer(k)) for kind, several in DIMERS.items() for k in several},
-        "curve": lambda: table(orbits.border_curve("hop", "Gamma", "e", span=(0.58, 0.62), spin=100.0), "e", "Gamma"),
+        "hop meets the flip": line("hop", 0.5, 0.52, 0.54, 0.56),
+        "hop that grazes": line("hop", 0.454, 0.458, A_r=7.0),
+        "stick_slip": line("stick_slip", 0.6, 0.62, A_r=6.0),
+        "chatter": line("chatter", 0.6, 0.64, 0.68, A_r=8.0),
+        "curve of the hop": curve("hop", 0.38, 0.44),
+        "curve of the flip": curve("flip", 0.54, 0.56),
+        "graze": lambda: table(orbits.follow(grazes, "Gamma", to=1.335), "Gamma", "special"),
+        "leap": lambda: table(
+            orbits.follow(orbits.find(Gamma=1.2825, e=0.59, **GRAZES), "Gamma", to=1.2836), "Gamma", "special"
+        ),
         "alike": lambda: [features.Carried(begin, [80.0, 120.0], both).apart(at(spin)) for spin in (85.0, 110.0)],
         "word": lambda: orbit(guess=orbits.find(spin=80.0, **MANY_SEQUENCES), spin=105.0, **MANY_SEQUENCES),
         "family": family(60.0, 140.0, 5),
@@ -166,7 +163,7 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
 
 def answers(file: str) -> dict[str, tuple[list[Any], float]]:
     """All answers that a file has to do with, and the forcing periods of the map that each took."""
-    from dimersweep.errors import OrbitError
+    from dimersweep.errors import OrbitError, ParameterError
     from dimersweep.orbits import poincare
 
     spent = [0.0]
@@ -179,36 +176,35 @@ def answers(file: str) -> dict[str, tuple[list[Any], float]]:
     poincare.advance = counted
     found = {}
     for name, ask in questions().items():
-        if file in ASKED_OF and not name.startswith(ASKED_OF[file]):
+        if not name.startswith(ASKED_OF.get(file.removeprefix("orbits."), "")):
             continue
         before = spent[0]
         try:
             answer = ask()
-        except OrbitError as reason:
+        except (OrbitError, ParameterError) as reason:
             answer = ["lost", str(reason)[:60]]
         found[name] = answer, spent[0] - before
     return found
 
 
-def in_process(change: tuple[str, str, float], out: Any) -> None:
+def in_process(one: Constant, factor: float, out: Any) -> None:
     """Answer with a number changed."""
     signal.setitimer(signal.ITIMER_PROF, LONGEST)
     for name in [name for name in sys.modules if name.startswith(ROOM)]:
         del sys.modules[name]
     vars(dimersweep).pop("orbits", None)
-    Changed.change = change
-    sys.meta_path.insert(0, Finder())
+    load_changed(one, factor)
     try:
-        out.send(answers(change[0]))
+        out.send(answers(one.file))
     except Exception as fault:
         out.send(f"{type(fault).__name__}: {str(fault)[:50]}")
 
 
-def asked(change: tuple[str, str, float]) -> Any:
+def answered(one: Constant, factor: float) -> Any:
     """The answers with a number changed, or in a line why there are none."""
     context = multiprocessing.get_context("fork")
     back, out = context.Pipe(False)
-    process = context.Process(target=in_process, args=(change, out))
+    process = context.Process(target=in_process, args=(one, factor, out))
     process.start()
     out.close()
     try:
@@ -232,38 +228,29 @@ def apart(a: list[Any], b: list[Any]) -> float:
     return far
 
 
-def compared(made: Any, usual: dict[str, tuple[list[Any], float]]) -> str:
-    """The columns of a change."""
+def compared(made: Any, usual: dict[str, tuple[list[Any], float]]) -> tuple[str, str]:
+    """The change of the work, and the answers that differ."""
     if isinstance(made, str):
-        return f"| | {made} "
+        return "?", made
     others = []
     for name, (answer, _) in made.items():
         far = apart(usual[name][0], answer)
         mark = " lost" if answer[:1] == ["lost"] else " ~" if far < 1e-3 else ""
         others += [f"{name}{mark}"] if far > ALIKE else []
-    work = sum(cost for _, cost in made.values()) / sum(usual[name][1] for name in made)
-    return f"| {100 * (work - 1):+.1f} % | {', '.join(others)} "
+    work = sum(cost for _, cost in made.values()) / (sum(usual[name][1] for name in made) or 1.0)
+    return f"{100 * (work - 1):+.2g}%" if made and work != 1 else "0", ", ".join(others) or "0"
 
 
-def main() -> None:
+def ask(parts: list[str]) -> None:
     """Ask as it is, and with each number changed."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("parts", nargs="*", help="parts of the names of constants; all by default")
-    given = parser.parse_args()
     dimersweep.simulate(periods=3)  # so that the kernel is loaded once
-    print(HEAD.format(alike=ALIKE), flush=True)
-    for file in sorted(set(FOLDER.glob("*.py")) - {FOLDER / "pictures.py"}):
-        lines, usual = file.read_text().splitlines(), {}
-        for name, _, number in numbers(ast.parse(file.read_text())):
-            where = f"{file.stem}.{name}"
-            if given.parts and not any(part in where for part in given.parts):
-                continue
-            usual = usual or asked((file.stem, "", 1.0))
-            line = next(line for line in lines if name.partition("[")[0] in line and " = " in line)
-            meaning = line.partition("  # ")[2].replace("|", "/")
-            cells = [compared(asked((file.stem, name, factor)), usual) for factor in (0.5, 2.0)]
-            print(f"| {where} | {number} | {meaning} | /2 {cells[0]}|\n| | | | x2 {cells[1]}|", flush=True)
+    usual: dict[str, dict[str, tuple[list[Any], float]]] = {}
 
+    def told(one: Constant) -> str:
+        if one.file not in usual:
+            usual[one.file] = answered(one, 1.0)
+        found = [compared(answered(one, factor), usual[one.file]) for factor in FACTORS]
+        pairs = zip(("work", "answers"), *found, strict=True)
+        return ", ".join(f"{name} {a} / {b}" for name, a, b in pairs if {a, b} != {"0"})
 
-if __name__ == "__main__":
-    main()
+    print_table(HEAD, listed(), parts, told)
