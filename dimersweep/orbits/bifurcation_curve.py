@@ -23,7 +23,7 @@ from dimersweep.orbits.specials import Special
 from dimersweep.orbits.stability_end import stability_end
 
 SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
-BACK = (0.0, 1e-3 * TURN, -1e-3 * TURN)  # phases of the plate at which the spin is put back [rad], as they are tried
+BACK = (0.0, 1e-3 * TURN)  # phases of the plate at which the spin is put back [rad], as they are tried
 DOUBLED_FOLD = "flip-doubled_fold"  # where the orbit of twice the period has its fold on the flip itself
 KINK = 1e-2  # distance of all multipliers from the border's beyond which they are those of another map
 # of the differences for the coefficient of a flip, in units of the section: those of the third order are right to about 1e-3

@@ -33,7 +33,6 @@ GAP_SAMPLES = 64  # in a forcing period, of an end in the air
 TURN_KNOWN = 1e-7  # how well the time is known at which an end turns [rad]: the gap does not change to first order
 WIDE, NO_GAP = 0.05, 1e-9  # gap beyond which no impact is near; gap that counts as none, in units of the section
 CLOSER, LEAST_CLOSER = 0.02, 0.7  # gap that is aimed at, over the one before: a step must not lead across
-ACROSS = 1e-6  # distance to which a point across is taken, in units of the section
 
 
 def least_gap(m: ReturnMap, image: Image) -> float:
@@ -83,7 +82,7 @@ def graze(near: Point) -> tuple[Point, str]:
         gap, known, closer = aim, first if latest is None else latest, CLOSER
     opens = first[-1]
     at = with_derivatives(at._replace(tangent=opens), np.where(opens >= 0, 1.0, -1.0))
-    beyond = at.axis.image(at.map, at.y - ACROSS * opens / np.abs(opens).max())
+    beyond = at.axis.image(at.map, at.y - at.map.one_sided * opens / np.abs(opens).max())
     return at._replace(mark_slope=opens, grazes=True), beyond.passage.sequence
 
 
