@@ -82,7 +82,7 @@ def pull_at(dm, phase, theta):
 # --- both ends ----------------------------------------------------------------------------------------------------------
 
 
-@compiled(inline=True)
+@compiled(inline=True, fuse=True)
 def free_rates(dm, p, rod, pull):
     """Rates by (2) without contact forces, h + Q of (A.5) and (A.6), over the plate.
 
@@ -95,8 +95,9 @@ def free_rates(dm, p, rod, pull):
     d_wb, d_wp = axial * w_p, -axial * w_b
     c_a = u_a - lv.a * w_b
     c_b = u_b - lv.b * w_p - lv.c * spin
-    n = -pull.down + lv.n * d_wb - p.h * sin_b * w_b * w_b
-    a = pull.a - turn * c_b + lv.a * d_wb - p.h * cos_b * w_b * w_b
+    swing = p.h * w_b * w_b
+    n = -pull.down + lv.n * d_wb - sin_b * swing
+    a = pull.a - turn * c_b + lv.a * d_wb - cos_b * swing
     b = pull.b + turn * c_a + lv.b * d_wp + p.r * w_b * (cos_b * w_p + sin_b * spin)
     return d_wb, d_wp, n, a, b
 

@@ -117,7 +117,7 @@ def holds_axially(hold, na, aa):
 # --- the forces of one contact ----------------------------------------------------------------------------------------
 
 
-@compiled
+@compiled(inline=True, fuse=True)
 def single_forces(dm, mu, mode, w, u_a, u_b, n, a, b):
     """Normal, axial and lateral force at the one closed end with the slip (u_a, u_b) and the coefficient of friction mu,
     and its compliance, from the accelerations that its contact point has without them and its Delassus operator w; the
@@ -129,8 +129,7 @@ def single_forces(dm, mu, mode, w, u_a, u_b, n, a, b):
     if mode == STICK:
         det = w.nn * w.aa - w.na * w.na
         return (w.na * a - w.aa * n) / det, (w.na * n - w.nn * a) / det, -b / w.bb, 1.0
-    c, s = direction(u_a, u_b)
-    yields = w.nn - mu * w.na * c
+    A, L = slip_force(mu, 1.0, *direction(u_a, u_b))
+    yields = w.nn + w.na * A
     F = -n / yields
-    A, L = slip_force(mu, F, c, s)
-    return F, A, L, yields * dm.m
+    return F, F * A, F * L, yields * dm.m
