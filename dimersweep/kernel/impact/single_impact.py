@@ -299,7 +299,8 @@ def straight_leg(law, blow, c, s):
         blow.a, blow.b = 0.0, 0.0
     elif not stick:
         blow.a = a + w_a * P
-        blow.b = b + w_b * P if s != 0.0 or b == 0.0 else left_across(law, w_v, v, b, P)
+        turns = s == 0.0 and b != 0.0 and law.mu > 0.0
+        blow.b = left_across(law, w_v, v, b, P) if turns else b + w_b * P
     way = 0.0 if stick else P * (v + 0.5 * w_v * P)  # integral of the slip over P
     add(blow, P, t_a * P, (blow.b - b) / law.bb, -law.mu * way)
     return OTHER if law.both > 0.0 and blow.n_j == 0.0 and w_j < 0.0 else LEG
