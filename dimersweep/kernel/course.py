@@ -6,11 +6,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.compiler.records import new_record, one, record_type
+from dimersweep.kernel.compiler.records import ROW, new_record, one, record_type
 from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.contact.forces import Contact
-from dimersweep.kernel.contact.step_control import STEP_ROWS, Control
+from dimersweep.kernel.contact.step_control import Control, StepArrays
 from dimersweep.kernel.impact.double_leg import Stride
+from dimersweep.kernel.impact.expansion import EXPANSION_ROWS
+from dimersweep.kernel.impact.impact import ImpactArrays
 from dimersweep.kernel.impact.single_impact import Blow
 from dimersweep.kernel.model.layout import N_ROW, N_STATE, OK, PHASE, Dimer
 from dimersweep.kernel.model.works import STRUCK_ROWS, WorkTally
@@ -41,16 +43,16 @@ class Course:
     tally: WorkTally  # of the works of the forces, where they are wanted
 
 
-# rows of scratch beyond those of a contact step
-ROW_CONTACT = STEP_ROWS
-ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_TRIAL, WORK_ROWS = range(ROW_CONTACT + 1, ROW_CONTACT + 6)
-WORK_COLUMNS = 24  # whole lines of the cache
+# rows of scratch beyond those of an expansion
+ROW_CONTACT, ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_TRIAL, WORK_ROWS = range(EXPANSION_ROWS, EXPANSION_ROWS + 6)
 
 
 class Scratch(NamedTuple):
     """Scratch of one thread for impacts and contact steps; records stand in arrays of one, which functions can return."""
 
-    rows: Any  # shape (WORK_ROWS + STRUCK_ROWS, WORK_COLUMNS); the last ones have the works of an impact (`works.note_struck`)
+    rows: Any  # shape (WORK_ROWS + STRUCK_ROWS, ROW); the last ones have the works of an impact (`works.note_struck`)
+    step: Any  # of a contact phase (`step_control.StepArrays`)
+    impact: Any  # of one at both ends (`impact.ImpactArrays`)
     bracket: Any  # of an event within a step (`root_bracket.RootBracket`)
     control: Any  # of the steps of a contact phase (`step_control.Control`)
     course: Any  # of the run (`Course`)
@@ -59,9 +61,9 @@ class Scratch(NamedTuple):
 
 def new_work() -> Scratch:
     """Scratch that may be worked on without bound."""
-    rows, meter = np.zeros((WORK_ROWS + STRUCK_ROWS, WORK_COLUMNS)), one(Meter)
+    rows, meter = np.zeros((WORK_ROWS + STRUCK_ROWS, ROW)), one(Meter)
     meter[0].bound = inf
-    return Scratch(rows, one(RootBracket), one(Control), one(Course), meter)
+    return Scratch(rows, one(StepArrays), one(ImpactArrays), one(RootBracket), one(Control), one(Course), meter)
 
 
 class Ask(NamedTuple):

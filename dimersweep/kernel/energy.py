@@ -6,7 +6,6 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import Y
-from dimersweep.kernel.contact.step_control import step_arrays
 from dimersweep.kernel.model.layout import FREE, N_STATE
 from dimersweep.kernel.model.works import N_CONTACT_WORK, N_WORK, STRUCK_ROWS
 from dimersweep.kernel.numerics.steps import copy
@@ -37,7 +36,7 @@ def is_wanted(book):
 @compiled
 def begin_phase(y, work):
     """No works yet in the contact phase that is followed on."""
-    flows = step_arrays(work).flows
+    flows = work.step[0].flows
     for k in range(N_CONTACT_WORK):
         y[Y.work + k], flows[k] = 0.0, 0.0
 
@@ -49,7 +48,7 @@ def keep_phase(book, n, state, modes, y, work):
         return
     copy(state, book.ends[n], N_STATE)
     if modes[0] != FREE or modes[1] != FREE:
-        flows = step_arrays(work).flows
+        flows = work.step[0].flows
         for k in range(N_CONTACT_WORK):
             book.smooth[n, k] += y[Y.work + k]
             book.flows[n, k] += flows[k]

@@ -6,7 +6,7 @@ A tuple goes from function to function by its values: one of forty numbers costs
 from collections.abc import Sequence
 from functools import cache
 from types import SimpleNamespace
-from typing import Any, TypeVar, get_args, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 import numba
 import numpy as np
@@ -14,6 +14,8 @@ import numpy as np
 Fields = TypeVar("Fields")
 _config: Any = numba.config
 NUMBERS = (bool, int, float)
+ROW = 24  # entries of a row of scratch, more than any state has: whole lines of the cache
+Row = Annotated[list[float], ROW]
 
 
 @cache  # a search of an orbit makes thousands of records
@@ -30,15 +32,21 @@ def _type_of(kind: Any) -> Any:
 
 
 def one(fields: type[Fields]) -> Sequence[Fields]:
-    """An array of one record of this class without lists, with all its numbers zero.
+    """An array of one record of this class with all its numbers zero.
 
-    With the JIT off it is a list of a plain object, which Python reads thirty times as fast.
+    With the JIT off it is a list of a plain object, which Python reads thirty times as fast; lists of records are none there.
     """
     records: Any = np.zeros(1, record_type(fields))  # type: ignore[arg-type]  # a class is hashable: mypy 11469
     if _config.DISABLE_JIT:
-        kinds = get_type_hints(fields).items()
-        records = [SimpleNamespace(**{k: v(0) if v in NUMBERS else new_record(v) for k, v in kinds})]
+        kinds = get_type_hints(fields, include_extras=True).items()
+        records = [SimpleNamespace(**{name: _zero(kind) for name, kind in kinds})]
     return records
+
+
+def _zero(kind: Any) -> Any:
+    if hasattr(kind, "__metadata__"):
+        return np.zeros(kind.__metadata__, *get_args(kind.__origin__))
+    return kind(0) if kind in NUMBERS else new_record(kind)
 
 
 def new_record(fields: type[Fields]) -> Fields:

@@ -152,7 +152,7 @@ class PhaseCrossing(NamedTuple):
     dip_left: float  # what may be left of a dip when the open end lands
 
 
-@compiled(inline=True)
+@compiled
 def look_on_cubic(p, share, h, forces):
     """Go to a share of a step of h seconds, on the cubic through its ends; `forces` says whether those there are wanted."""
     start, out, at = p.b.start, p.b.out, p.b.probe
@@ -201,7 +201,7 @@ def first_crossing(p, event, least):
     return root_bracket.locate(probe_step, at, p.bracket, h, -0.5 * past, True)
 
 
-@compiled(inline=True)
+@compiled
 def low_between(p, turn):
     """Whether a force or a hold is so low at an end of a step over which the motion turns so far that it may dip to zero."""
     for k in range(N_FORCE_EVENTS):
@@ -211,7 +211,7 @@ def low_between(p, turn):
     return False
 
 
-@compiled(inline=True)
+@compiled
 def hidden_dip(p, h):
     """Share of an accepted step of h seconds at which an event function may dip below zero between positive ends, 1.0 if none.
 

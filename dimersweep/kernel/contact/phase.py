@@ -53,7 +53,7 @@ def sustain_contact(dm, c, span, path, tol, locate, work):
     `path` says whether x1, y1 and gamma are wanted; they are where works are. Returns the time integrated [s], and the number
     of the event (JAM also where no step is short enough), NO_EVENT if the span is over, or OUT_OF_STEPS, also if the meter is.
     """
-    b, control, bracket = step_control.step_arrays(work), work.control[0], work.bracket[0]
+    b, control, bracket = work.step[0], work.control[0], work.bracket[0]
     t, n = 0.0, N_PATH if path else N_CLOSED
     if work.course[0].tally.wanted:
         n = coordinates.N_WORKED
@@ -99,7 +99,7 @@ def sustain_in_chart(p, y):
     return OUT_OF_STEPS
 
 
-@compiled(inline=True)
+@compiled
 def step_on(p):
     """Take one step, or find that it has to be shorter; returns the event that ends the phase, or GOES_ON."""
     b, c, start, out = p.b, p.control, p.b.start, p.b.out
@@ -127,7 +127,7 @@ def step_on(p):
     return accept_step(p, factor)
 
 
-@compiled(inline=True)
+@compiled
 def slip_about_to_end(p, span):
     """Number of a slipping end that comes to rest along a straight line within a brief time, at most `span`; -1 if none does.
 
@@ -147,7 +147,7 @@ def slip_about_to_end(p, span):
     return -1
 
 
-@compiled(inline=True)
+@compiled
 def end_slip_on_line(p):
     """Carry a slip that is about to end along a straight line to its end; returns that event, or GOES_ON."""
     c, y, dy = p.control, p.b.start.y, p.b.start.dy
@@ -170,7 +170,7 @@ def end_slip_on_line(p):
     return events.SLIP_END + i
 
 
-@compiled(inline=True)
+@compiled
 def choose_step(p):
     """Choose the method of the next step and its size."""
     dm, start, c = p.dm, p.b.start, p.control
@@ -194,7 +194,7 @@ def choose_step(p):
     c.method, c.last, c.h, c.size = method, last, h, c.xi if method == RESCALED else h
 
 
-@compiled(inline=True)
+@compiled
 def method_for(p):
     """The method that suits the slip as it changes, and as it may jam soon.
 
@@ -209,7 +209,7 @@ def method_for(p):
     return RESCALED if jams_soon(p) or (p.control.speed_rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
 
 
-@compiled(inline=True)
+@compiled
 def jams_soon(p):
     """Whether the compliance falls to zero as fast as the slip turns."""
     start, probe, v = p.b.start, p.b.probe, p.control.speed
@@ -222,7 +222,7 @@ def jams_soon(p):
     return start.F[COMPLIANCE] - probe.F[COMPLIANCE] > SOON * SLIP_CHANGE * start.F[COMPLIANCE]
 
 
-@compiled(inline=True)
+@compiled
 def landing_in_sight(p):
     """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
     modes, y = p.modes, p.b.start.y
@@ -238,7 +238,7 @@ def landing_in_sight(p):
     return PAST_LANDING * (2.0 * gap / (sqrt(disc) - rate) if rate < 0.0 else (rate + sqrt(disc)) / -fall)
 
 
-@compiled(inline=True)
+@compiled
 def shorten(p, factor):
     """Shorten the next step; returns JAM if no step is short enough, else GOES_ON."""
     c = p.control
@@ -251,7 +251,7 @@ def shorten(p, factor):
     return JAM if length < LEAST_STEP * p.dm.period else GOES_ON
 
 
-@compiled(inline=True)
+@compiled
 def may_hide_event(p, least, event):
     """Whether the step is to be taken again, shorter, because an event may hide in it."""
     c, part = p.control, 1.0
@@ -265,7 +265,7 @@ def may_hide_event(p, least, event):
     return False
 
 
-@compiled(inline=True)
+@compiled
 def stop_at_event(p, least, event):
     """Go to the first event in the step, and return it; GOES_ON if the step is to be taken again, or a slip only turns."""
     b, c, y = p.b, p.control, p.b.start.y
@@ -291,7 +291,7 @@ def stop_at_event(p, least, event):
     return GOES_ON
 
 
-@compiled(inline=True)
+@compiled
 def go_to_end(p):
     """Make the end of the step that of the phase so far."""
     start, out = p.b.start, p.b.out
@@ -302,7 +302,7 @@ def go_to_end(p):
     copy(out.F, start.F, N_F)
 
 
-@compiled(inline=True)
+@compiled
 def accept_step(p, factor):
     """Go to the end of the step, and guess the size of the next one; returns a lift-off there, or GOES_ON."""
     b, c, dt = p.b, p.control, p.b.out.y[Y.time]
@@ -321,7 +321,7 @@ def accept_step(p, factor):
     return GOES_ON
 
 
-@compiled(inline=True)
+@compiled
 def without_force(p):
     """Number of a closed end whose force does not press, -1 if there is none."""
     for i in range(2):

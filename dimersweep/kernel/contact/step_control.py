@@ -8,9 +8,10 @@ step need not resolve how.
 """
 
 from math import inf, sqrt
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.compiler.records import ROW, Row
 from dimersweep.kernel.contact import coordinates, forces
 from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, UPRIGHT, Y, leading, same_chart
 from dimersweep.kernel.contact.forces import F1, F2, Moment, phase_rates
@@ -29,30 +30,39 @@ RENEWED = 2  # the iteration that takes new derivatives
 TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
 SLIP_CHANGE = 1e-6  # change of a slip, in units of itself, in its finite differences
 
-STEP_ROWS = 86
 # of an explicit step, and of a Newton iteration for each direction in which a slip turns and once more, in hops of one end:
 # as measured
 EXPLICIT_COST, NEWTON_COST = 0.8, 0.4
 
 
-class StepArrays(NamedTuple):
-    """Rows of the work array, by what they hold during a step of a contact phase."""
+class StepMoment:
+    """A contact state within a step, its rates, and the forces."""
 
-    K: Any  # slopes of the stages
-    nodes: Any  # states at the nodes of an implicit step
-    J: Any  # derivatives of the slopes with respect to the slips, and the Newton matrix
-    LU: Any
-    B: Any  # directions of the turns
-    start: Moment  # of the step: the state of the phase
-    out: Moment  # its end
-    scale: Any  # tolerances of the state
-    armed: Any  # event functions that have been positive
-    values: Any  # event functions in the course of the step
-    probe: Moment
-    pivots: Any
-    change: Any
-    kept: Any  # what a step was from and to, while the works in it are taken in parts
-    flows: Any  # what the works since the phase began are either way
+    y: Row
+    dy: Row
+    F: Row
+
+
+class StepArrays:
+    """What a step of a contact phase works on."""
+
+    K: Annotated[list[float], 12, ROW]  # slopes of the stages
+    nodes: Annotated[list[float], NODES, ROW]  # states at the nodes of an implicit step
+    J: Annotated[
+        list[float], 3 * NODES, ROW
+    ]  # derivatives of the slopes with respect to the slips, and the Newton matrix
+    LU: Annotated[list[float], 3 * NODES, ROW]
+    B: Annotated[list[float], 3 * NODES, ROW]  # directions of the turns
+    start: StepMoment  # of the step: the state of the phase
+    out: StepMoment  # its end
+    scale: Row  # tolerances of the state
+    armed: Row  # event functions that have been positive
+    values: Annotated[list[float], 4, ROW]  # event functions in the course of the step
+    probe: StepMoment
+    pivots: Row
+    change: Row
+    kept: Annotated[list[float], 6, ROW]  # what a step was from and to, while the works in it are taken in parts
+    flows: Row  # what the works since the phase began are either way
 
 
 class Control:
@@ -83,33 +93,10 @@ class Phase(NamedTuple):
     slip_tol: float  # slip that counts as none [m/s]
     n: int  # entries of the state that are integrated
     locate: bool  # whether events are looked for: a phase that is sampled again has none inside
-    b: StepArrays
+    b: Any  # what its steps work on (`StepArrays`)
     control: Any
     bracket: Any  # of an event
     meter: Any
-
-
-@compiled
-def step_arrays(work):
-    """The arrays of a step on scratch of at least STEP_ROWS rows."""
-    rows = work.rows
-    return StepArrays(
-        rows[0:12],
-        rows[12:17],
-        rows[17:32],
-        rows[32:47],
-        rows[47:62],
-        Moment(rows[62], rows[63], rows[64]),
-        Moment(rows[65], rows[66], rows[67]),
-        rows[68],
-        rows[69],
-        rows[70:74],
-        Moment(rows[74], rows[75], rows[76]),
-        rows[77],
-        rows[78],
-        rows[79:85],
-        rows[85],
-    )
 
 
 @compiled

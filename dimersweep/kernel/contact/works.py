@@ -63,7 +63,10 @@ def works_in_parts(p, h):
         part, worst = h / parts, 0.0
         for j in range(parts):
             for k in range(3):  # from the start of the step, then from the end of the part before
-                copy(kept[k] if j == 0 else step[k + 3], step[k], p.n)
+                if j == 0:
+                    copy(kept[k], step[k], p.n)
+                else:
+                    copy(step[k + 3], step[k], p.n)
             start.y[Y.time] = 0.0
             step_to(p, p.control.now + p.dm.omega * part * j, part)
             worst = max(worst, work_error(p, part))

@@ -5,9 +5,10 @@ for a moment only. One that stays slow, because its drive and friction balance, 
 """
 
 from math import inf, sqrt
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.compiler.records import ROW, Row
 from dimersweep.kernel.impact.double_equations import (
     BOTH_CLOCK,
     N_RUBBED,
@@ -45,11 +46,10 @@ from dimersweep.kernel.numerics.root_bracket import (
     set_bracket,
     zero_on_cubic,
 )
-from dimersweep.kernel.numerics.steps import WIDTH, copy, explicit_step, on_cubic, step_factor
+from dimersweep.kernel.numerics.steps import DOP_STAGES, WIDTH, copy, explicit_step, on_cubic, step_factor
 
 MAX_LEG_STEPS = 1_000_000  # a slip that hardly sets out takes thousands of steps, the smaller the tolerance the more
 N_LEG_EVENTS = 8
-LEG_ROWS = 20
 LEG_COST = 0.5  # of a step, in hops of one end: as measured
 OUT_OF_LEG_STEPS, GOES_ON = -1, -2  # in place of an event
 FIRST_LEG_STEP = 4.0  # first step, over the tolerance to the power of 1/8
@@ -80,8 +80,22 @@ class Stride:
     error_before: float
 
 
+class LegArrays:
+    """What a step of a leg works on."""
+
+    K: Annotated[list[float], DOP_STAGES, ROW]  # slopes of the stages, the first of them at the start of the step
+    start: Row  # state at the start of the step, and state and rates at its end
+    out: Row
+    rates_out: Row
+    scale: Row
+    gains: Row
+    armed: Row  # event functions that have been positive
+    probe: Row
+    rates_probe: Row
+
+
 class Leg(NamedTuple):
-    """A leg of an impact at both ends, and rows of scratch by what they hold during a step of it."""
+    """A leg of an impact at both ends."""
 
     dm: Any
     modes: Any
@@ -92,21 +106,7 @@ class Leg(NamedTuple):
     stride: Any
     meter: Any
     bracket: Any
-    K: Any  # slopes of the stages, the first of them at the start of the step
-    start: Any  # state at the start of the step, and state and rates at its end
-    out: Any
-    rates_out: Any
-    scale: Any
-    gains: Any
-    armed: Any  # event functions that have been positive
-    probe: Any
-    rates_probe: Any
-
-
-@compiled(inline=True)
-def leg_rows(rows):
-    """The rows of a leg, in the order in which it has them, on scratch of at least LEG_ROWS."""
-    return rows[0:12], rows[12], rows[13], rows[14], rows[15], rows[16], rows[17], rows[18], rows[19]
+    b: Any  # what its steps work on (`LegArrays`)
 
 
 @compiled(inline=True)
@@ -114,8 +114,8 @@ def stage_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
     """Slopes of a stage of an explicit step; the last entry that it controls is not used."""
     z, clock = (n_1, n_2, X_1, X_2, a, b_1, b_2), leg.stride.clock
     if leg.n > WIDTH:
-        rub_rates(leg.dm, leg.modes, clock, z, leg.K[i])
-    rates = rates_in_clock(leg.dm, leg.modes, leg.gains, clock, z)
+        rub_rates(leg.dm, leg.modes, clock, z, leg.b.K[i])
+    rates = rates_in_clock(leg.dm, leg.modes, leg.b.gains, clock, z)
     return rates[0], rates[1], rates[2], rates[3], rates[4], rates[5], rates[6], 0.0
 
 
@@ -123,7 +123,7 @@ def stage_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
 def leg_rates(leg, z, out):
     """Rates of a state in the clock of a leg, and of what slip takes, where it is wanted."""
     clock = leg.stride.clock
-    impact_rates(leg.dm, leg.modes, leg.gains, clock, z, out)
+    impact_rates(leg.dm, leg.modes, leg.b.gains, clock, z, out)
     if leg.n > WIDTH:
         rub_rates(leg.dm, leg.modes, clock, z, out)
 
@@ -132,7 +132,7 @@ def leg_rates(leg, z, out):
 def leg_step(leg, h):
     """One step of size h from its start into `out`; returns the error over the tolerance."""
     charge(leg.meter, LEG_COST)
-    return explicit_step(stage_slopes, leg, h, leg.start, leg.K, leg.n, leg.scale, leg.out)
+    return explicit_step(stage_slopes, leg, h, leg.b.start, leg.b.K, leg.n, leg.b.scale, leg.b.out)
 
 
 @compiled
@@ -218,21 +218,21 @@ def least_event(at, armed):
 @compiled(inline=True)
 def least_value(leg, z):
     """The same in the state z in a step."""
-    at = LegEvents(leg.dm, leg.modes, leg.compressing, leg.stride.clock, leg.start, z, leg.slip_tol)
-    return least_event(at, leg.armed)
+    at = LegEvents(leg.dm, leg.modes, leg.compressing, leg.stride.clock, leg.b.start, z, leg.slip_tol)
+    return least_event(at, leg.b.armed)
 
 
 @compiled(inline=True)
 def arm_events(leg, z):
     """Arm the event functions that are positive in the state z."""
     at = LegEvents(leg.dm, leg.modes, leg.compressing, leg.stride.clock, z, z, leg.slip_tol)
-    arm(event_value, at, leg.armed, N_LEG_EVENTS)
+    arm(event_value, at, leg.b.armed, N_LEG_EVENTS)
 
 
 @compiled(inline=True)
 def heed_slips(leg, z):
     """Have the step leave a slip about a tenth of itself where friction has it decrease."""
-    rates = leg.K[0]
+    rates = leg.b.K[0]
     for i in range(2):
         v = length(z[ZA], z[ZB1 + i])
         if leg.modes[i] == SLIP and v > 0.0 and end(leg.dm, i).mu_hit > 0.0:
@@ -269,17 +269,17 @@ def begin_leg(leg, z, e):
     """The gains of the compressions, event functions that are positive already, and the first guess of a step."""
     s = leg.stride
     for i in range(2):
-        leg.gains[i] = 1.0 if leg.compressing[i] > 0.0 else 1.0 / (e[i] * e[i])
+        leg.b.gains[i] = 1.0 if leg.compressing[i] > 0.0 else 1.0 / (e[i] * e[i])
     for k in range(N_LEG_EVENTS):
-        leg.armed[k] = 0.0
+        leg.b.armed[k] = 0.0
     s.clock = PLAIN_CLOCK
     arm_events(leg, z)
     for k in range(N_Z, leg.n):  # what lies beyond the state
-        z[k], leg.K[0, k], leg.rates_probe[k] = 0.0, 0.0, 0.0
+        z[k], leg.b.K[0, k], leg.b.rates_probe[k] = 0.0, 0.0, 0.0
     for k in range(WIDTH):
-        leg.scale[k] = leg.tol
+        leg.b.scale[k] = leg.tol
     s.faint = nearly_raised(leg.tol, 0.4)
-    s.clock, s.longest = ruling_clock(leg.dm, z, leg.gains, s.faint), 1.0 / sqrt(max(leg.gains[0], leg.gains[1]))
+    s.clock, s.longest = ruling_clock(leg.dm, z, leg.b.gains, s.faint), 1.0 / sqrt(max(leg.b.gains[0], leg.b.gains[1]))
     s.h = FIRST_LEG_STEP * eighth_root(leg.tol) * s.longest
     s.uncompressed, s.h_before, s.slow = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 0
 
@@ -289,13 +289,13 @@ def begin_step(leg, z):
     """The state and the rates at the start of a step, in the clock that suits, and what bounds its size."""
     dm, modes, s = leg.dm, leg.modes, leg.stride
     s.turning = turning_time(dm, modes, z)
-    last, s.clock = s.clock, ruling_clock(dm, z, leg.gains, s.faint)
+    last, s.clock = s.clock, ruling_clock(dm, z, leg.b.gains, s.faint)
     s.pace = clock_rate(s.clock, z)
     if s.clock != last:
         s.h = min(s.h * clock_rate(last, z) / s.pace, s.longest)
-    copy(z, leg.start, leg.n)
-    to_clock(s.clock, leg.start)
-    leg_rates(leg, leg.start, leg.K[0])
+    copy(z, leg.b.start, leg.n)
+    to_clock(s.clock, leg.b.start)
+    leg_rates(leg, leg.b.start, leg.b.K[0])
     if s.h * s.pace > LEG_TURNS * s.turning:
         s.h = LEG_TURNS * s.turning / s.pace
     heed_slips(leg, z)
@@ -316,15 +316,15 @@ def step_on(leg, z):
     elif s.uncompressed:
         factor = min(factor, SECOND_STEP)
     s.h_before, s.error_before, s.clock_before = s.h, error, s.clock
-    least, event = least_value(leg, leg.out)
+    least, event = least_value(leg, leg.b.out)
     if least > 0.0:
-        arm_events(leg, leg.out)
+        arm_events(leg, leg.b.out)
     else:
         event = first_crossing(leg, event, least)
         if event == UNSOUND:
             s.h *= 0.5
             return GOES_ON
-    copy(leg.out, z, leg.n)
+    copy(leg.b.out, z, leg.n)
     from_clock(s.clock, z)
     # a slip that has only turned by a right angle goes on
     if least <= 0.0 and (event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * leg.slip_tol):
@@ -343,8 +343,7 @@ def double_leg(d, tol, work):
     also where the meter is over.
     """
     n, stride = N_RUBBED if work.course[0].tally.wanted else WIDTH, work.course[0].stride
-    rows = leg_rows(work.rows)
-    leg = Leg(d.dm, d.modes, d.compressing, tol, d.slip_tol, n, stride, work.meter, work.bracket, *rows)
+    leg = Leg(d.dm, d.modes, d.compressing, tol, d.slip_tol, n, stride, work.meter, work.bracket, work.impact[0].leg)
     begin_leg(leg, d.z, d.e)
     for _ in range(MAX_LEG_STEPS):
         if is_over(leg.meter):
@@ -361,8 +360,8 @@ def double_leg(d, tol, work):
 @compiled(inline=True)
 def value_on_cubic(leg, share):
     """The least event function on the cubic through the ends of the step, at a share of it."""
-    on_cubic(leg.start, leg.K[0], leg.out, leg.rates_out, share, leg.stride.h, N_Z, leg.probe)
-    return least_value(leg, leg.probe)[0]
+    on_cubic(leg.b.start, leg.b.K[0], leg.b.out, leg.b.rates_out, share, leg.stride.h, N_Z, leg.b.probe)
+    return least_value(leg, leg.b.probe)[0]
 
 
 @compiled(inline=True)
@@ -374,14 +373,14 @@ def probe_step(leg, t):
     g, event, verdict : float, int, int
         The least event function at t and its event; PROBE_FOUND, PROBE_LOOK_ON or PROBE_REFUSED.
     """
-    out, way = leg.out, t - leg.bracket[0].at
+    out, way = leg.b.out, t - leg.bracket[0].at
     if abs(way) <= min(leg.stride.near, CARRIED * t):
-        leg_rates(leg, out, leg.rates_out)
+        leg_rates(leg, out, leg.b.rates_out)
         for k in range(N_Z):
-            leg.probe[k] = out[k] + 0.5 * way * leg.rates_out[k]
-        leg_rates(leg, leg.probe, leg.rates_probe)
+            leg.b.probe[k] = out[k] + 0.5 * way * leg.b.rates_out[k]
+        leg_rates(leg, leg.b.probe, leg.b.rates_probe)
         for k in range(leg.n):
-            out[k] += way * leg.rates_probe[k]
+            out[k] += way * leg.b.rates_probe[k]
     elif not leg_step(leg, t) <= 1.0:
         return 0.0, UNSOUND, PROBE_REFUSED
     g, event = least_value(leg, out)
@@ -396,12 +395,12 @@ def first_crossing(leg, event, least):
     a small part of the time in which the motion changes, the last probe is carried on to t instead.
     """
     s, bracket, smooth = leg.stride, leg.bracket[0], event < 6
-    g_low, _ = least_value(leg, leg.start)
+    g_low, _ = least_value(leg, leg.b.start)
     s.near, guess, slope = 0.0, 0.0, 0.0
     if smooth:
         brisk = s.turning / s.pace if s.longest * s.pace > s.turning else s.longest
         s.near = NEAR_PROBE * nearly_raised(leg.tol, 1.0 / 3.0) * brisk
-        leg_rates(leg, leg.out, leg.rates_out)
+        leg_rates(leg, leg.b.out, leg.b.rates_out)
         guess, slope = zero_on_cubic(value_on_cubic, leg, bracket, s.h, g_low, least)
     set_bracket(bracket, s.h, g_low, least, guess, slope)
     return locate(probe_step, leg, bracket, s.h, 0.0, smooth)

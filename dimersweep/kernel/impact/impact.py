@@ -4,6 +4,7 @@ from math import copysign
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.compiler.records import Row
 from dimersweep.kernel.impact.double_equations import (
     N_Z,
     PLAIN_CLOCK,
@@ -21,7 +22,7 @@ from dimersweep.kernel.impact.double_equations import (
     impact_rates,
     stored_energy,
 )
-from dimersweep.kernel.impact.double_leg import LEG_ROWS, OUT_OF_LEG_STEPS, double_leg
+from dimersweep.kernel.impact.double_leg import OUT_OF_LEG_STEPS, LegArrays, double_leg
 from dimersweep.kernel.impact.single_impact import OTHER, EndLaw, begin_blow, single_phase
 from dimersweep.kernel.model.body import (
     attitude,
@@ -53,8 +54,20 @@ LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integra
 IMPACT_SLIP_SCALE = 0.1  # slip that counts as none, in units of the impact's tolerance
 
 
+class ImpactArrays:
+    """What an impact at both ends works on."""
+
+    leg: LegArrays
+    z: Row  # see `DoubleImpact`
+    start: Row
+    before: Row
+    mid: Row
+    compressing: Row
+    e: Row
+
+
 class DoubleImpact(NamedTuple):
-    """An impact at both ends on its way, and rows of scratch beyond those of a leg."""
+    """An impact at both ends on its way."""
 
     dm: Any
     modes: Any  # friction modes of both ends
@@ -230,9 +243,9 @@ def double_impact(dm, state, V, tol, modes, work, log):
     slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), slip_rounding(dm, state) / V)
     left, leg_tol = max(LEFT_OVER * tol, FINEST), max(DOUBLE_TOL * tol, FINEST)
     least = raised(left, 2.0 / (dm.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
-    more = work.rows[LEG_ROWS:]
-    z, start, before, mid, compressing = more[0], more[1], more[2], more[3], more[4]
-    d = DoubleImpact(dm, modes, V, slip_tol, left, least, z, start, before, mid, compressing, more[5])
+    b = work.impact[0]
+    z, start, before, mid, compressing = b.z, b.start, b.before, b.mid, b.compressing
+    d = DoubleImpact(dm, modes, V, slip_tol, left, least, z, start, before, mid, compressing, b.e)
     begin_double(d, state, tol)
     wanted, blow = work.course[0].tally.wanted, work.course[0].blow
     rows, status, lost = 0, IMPACT_STEPS, False
