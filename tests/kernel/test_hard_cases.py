@@ -480,3 +480,18 @@ def test_a_hundred_thousand_periods_of_drift(rtol):
     fall = early.orbit.speed - later.orbit.speed
     share = (later.orbit.speed - third.orbit.speed) / fall  # of what is left after 10,000 periods
     assert late.orbit.speed == pytest.approx(early.orbit.speed - fall * (1 - share**9) / (1 - share), rel=1e-2)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("case", data("exact")["scenes"], ids=lambda case: case["broke"])
+def test_the_error_of_a_run_goes_with_its_tolerance(case):
+    """After four periods, at tolerances beside that of the scene, too: what a shortcut leaves out comes and goes with them."""
+    run = simulate(**case["scene"] | {"rtol": 1e-12})
+    t = min(4.0 / case["scene"]["f"], run.duration)
+    exact = run.states([t])
+    for share in (0.5, 0.7, 0.9, 1.0, 1.3):
+        rtol = share * case["scene"]["rtol"]
+        states = simulate(**case["scene"] | {"rtol": rtol}).states([t])
+        for name in ("kinetic_energy", "theta", "y1_rate"):
+            expected = exact[name].item()
+            assert abs(states[name].item() - expected) < case["most"] * rtol * max(abs(expected), 1e-3), (name, share)

@@ -237,7 +237,7 @@ def test_the_error_stays_near_the_tolerance(tol):
 @pytest.mark.parametrize("v", [0.05, 5.0])
 @pytest.mark.parametrize("e", [0.2, 0.9])
 def test_slip_near_the_axis_is_followed(e, v, tol):
-    """Where s^3 v = tolerance / 100 the turning counts: s^2 v is far above it."""
+    """Where s^3 v = tolerance / 100: s^2 v is far above it, and the turning counts."""
     for s, direction in ((s, direction) for s in SIGNS for direction in SIGNS):
         law = end_law(dimer(mu=0.25, e=e), s, 0.1)
         drive = copysign(law.na, direction * law.na)

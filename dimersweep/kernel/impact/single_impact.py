@@ -39,7 +39,8 @@ MAX_SINGLE_STEPS = 2000  # expansions of a leg
 EXPANSION_COST = 0.35  # of a step by expansion, in hops of one end: as measured
 OFF_AXIS = 0.1  # sine of the angle to an axial direction below which slip is taken along that
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
-ATTRACTED = 1e-2  # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction
+# effect on the rates, in tolerances, of what is left of the turning towards an attracting direction: motions amplify it
+ATTRACTED = 1e-4
 CONVERGES, MAX_TERMS = 0.4, 80  # ratio of the terms in closed form below which they are summed, and the most of them
 
 
