@@ -188,10 +188,15 @@ def whole_bytes(cube, path):
     return path.read_bytes()
 
 
+@pytest.mark.parametrize(("ask", "told"), [(open_cube, "no such file$"), (status, "no such cube, and no sweep for it")])
+def test_a_cube_that_is_not_there_is_told(tmp_path, ask, told):
+    with pytest.raises(StoreError, match=f"absent.nc: {told}"):
+        ask(tmp_path / "absent.nc")
+
+
 @pytest.mark.parametrize(
     ("make", "told"),
     [
-        (lambda cube, path: None, r"no such (file$|cube, and no sweep for it)"),
         (lambda cube, path: path.write_text("hello"), "is no NetCDF file, or a damaged one"),
         (lambda cube, path: path.write_bytes(whole_bytes(cube, path)[:-4000]), "is no NetCDF file, or a damaged one"),
         (lambda cube, path: xr.Dataset({"a": 1}).to_netcdf(path), "is a NetCDF file, but no cube of dimersweep$"),
