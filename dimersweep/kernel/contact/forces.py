@@ -10,6 +10,7 @@ Their powers are the rates of the works that ride along where they are wanted.
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.compiler.records import Row
 from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, UPRIGHT, Y, leading, slip_of
 from dimersweep.kernel.contact.steep_rod import upright_rates
 from dimersweep.kernel.model.body import attitude, delassus, end, level_levers, levers
@@ -40,9 +41,9 @@ class Contact(NamedTuple):
 class Moment(NamedTuple):
     """A contact state within a phase, its rates, and the forces."""
 
-    y: Any
-    dy: Any
-    F: Any
+    y: Row
+    dy: Row
+    F: Row
 
 
 class Pull(NamedTuple):

@@ -20,7 +20,7 @@ from dimersweep.kernel.model.layout import FREE, SLIP
 from dimersweep.kernel.numerics.collocation import NEXT, NODES, RADAU_A, RADAU_C, TOP
 from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.meter import charge
-from dimersweep.kernel.numerics.steps import copy, explicit_step, lu_factor, lu_solve
+from dimersweep.kernel.numerics.steps import DOP_STAGES, copy, explicit_step, lu_factor, lu_solve
 from dimersweep.kernel.numerics.tableaux import DOP_C
 
 PLAIN_METHOD, RESCALED, IMPLICIT = 0, 1, 2
@@ -35,30 +35,22 @@ SLIP_CHANGE = 1e-6  # change of a slip, in units of itself, in its finite differ
 EXPLICIT_COST, NEWTON_COST = 0.8, 0.4
 
 
-class StepMoment:
-    """A contact state within a step, its rates, and the forces."""
-
-    y: Row
-    dy: Row
-    F: Row
-
-
 class StepArrays:
     """What a step of a contact phase works on."""
 
-    K: Annotated[list[float], 12, ROW]  # slopes of the stages
+    K: Annotated[list[float], DOP_STAGES, ROW]  # slopes of the stages
     nodes: Annotated[list[float], NODES, ROW]  # states at the nodes of an implicit step
     J: Annotated[
         list[float], 3 * NODES, ROW
     ]  # derivatives of the slopes with respect to the slips, and the Newton matrix
     LU: Annotated[list[float], 3 * NODES, ROW]
     B: Annotated[list[float], 3 * NODES, ROW]  # directions of the turns
-    start: StepMoment  # of the step: the state of the phase
-    out: StepMoment  # its end
+    start: Moment  # of the step: the state of the phase
+    out: Moment  # its end
     scale: Row  # tolerances of the state
     armed: Row  # event functions that have been positive
     values: Annotated[list[float], 4, ROW]  # event functions in the course of the step
-    probe: StepMoment
+    probe: Moment
     pivots: Row
     change: Row
     kept: Annotated[list[float], 6, ROW]  # what a step was from and to, while the works in it are taken in parts

@@ -14,9 +14,8 @@ SLACK = 0.5  # ratio of two terms there from which an expansion is taken to the 
 NEWTON_DONE = 1e-8  # step of Newton's rule, in units of its place, after which it is done
 ROUNDED_VELOCITY = 1e-15  # error of a velocity, in units of itself, that no step improves
 INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
-A_V, A_A, A_P, A_N, A_J, A_E, EXPANSION_ROWS = range(
-    7
-)  # its rows: slip, axial slip, impulse, gap rates of both ends, energy
+# its rows: slip, axial slip, impulse, gap rates of both ends, energy
+A_V, A_A, A_P, A_N, A_J, A_E, EXPANSION_ROWS = range(7)
 
 
 @compiled
