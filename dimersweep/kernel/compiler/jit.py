@@ -12,7 +12,7 @@ from typing import Any
 
 import numba
 from numba import types
-from numba.extending import typeof_impl
+from numba.extending import lower_cast, typeof_impl
 
 from dimersweep.kernel.compiler.cache import kept
 from dimersweep.kernel.compiler.versions import code_version
@@ -103,14 +103,28 @@ def _type_of(function: Part, _: Any) -> Any:
     return numba.typeof(function.dispatcher)
 
 
+@lower_cast(types.NestedArray, types.Array)
+def _as_plain(context: Any, builder: Any, nested: Any, array: Any, value: Any) -> Any:
+    """An array within a record is held as any other."""
+    return value
+
+
+def _plain_type(kind: Any) -> Any:
+    if isinstance(kind, types.NestedArray):
+        return types.Array(kind.dtype, kind.ndim, "C")
+    return types.unliteral(kind)
+
+
 def _without_literals(function: Any) -> Any:
-    """Have constants in calls typed as plain numbers: else each of them compiles the function once more."""
+    """Have constants in calls typed as plain numbers, and arrays within records as plain arrays: else each of them compiles
+    the function once more.
+    """
     typed = getattr(function, "get_call_template", None)
     if typed is None:  # Numba has changed
         return function
 
     def get_call_template(args: Any, kws: Any) -> Any:
-        return typed(tuple(types.unliteral(a) for a in args), {k: types.unliteral(v) for k, v in kws.items()})
+        return typed(tuple(_plain_type(a) for a in args), {k: _plain_type(v) for k, v in kws.items()})
 
     function.get_call_template = get_call_template
     return function
