@@ -41,7 +41,6 @@ OFF_AXIS = 0.1  # sine of the angle to an axial direction below which slip is ta
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
 # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction: motions amplify it
 ATTRACTED = 1e-4
-UNSEEN = 1e-16  # lateral part of a slip along the axis, in units of the slip, that is what rounding has left
 CONVERGES, MAX_TERMS = 0.4, 80  # ratio of the terms in closed form below which they are summed, and the most of them
 
 
@@ -301,7 +300,7 @@ def straight_leg(law, blow, c, s):
         blow.a, blow.b = 0.0, 0.0
     elif not stick:
         blow.a = a + w_a * P
-        turns = s == 0.0 and abs(b) > UNSEEN * v and law.mu > 0.0
+        turns = s == 0.0 and abs(b) > INVARIANT * v and law.mu > 0.0
         blow.b = left_across(law, w_v, v, b, P) if turns else b + w_b * P
     way = 0.0 if stick else P * (v + 0.5 * w_v * P)  # integral of the slip over P
     add(blow, P, t_a * P, (blow.b - b) / law.bb, -law.mu * way)
