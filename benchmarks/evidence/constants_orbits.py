@@ -1,8 +1,8 @@
 """What each constant of the orbits decides: see `constants.py`.
 
 The same is asked each time: orbits of several motions, branches with their special points, borders of random dimers, curves of
-changes of symbols, and where these meet others, families, which motions they tell apart, an edge. Each change is made in a
-process of its own, which reads the changed source; the kernel is loaded once. It takes an hour.
+changes of symbols, and where these meet others, families, which motions they tell apart, an edge, sustained spins. Each
+change is made in a process of its own, which reads the changed source; the kernel is loaded once. It takes an hour.
 """
 
 import ast
@@ -26,6 +26,10 @@ LONGEST = 60.0  # time of the processor for all answers [s]
 ALIKE = 1e-7  # relative difference of numbers up to which an answer is the same
 JUMP: dict[str, Any] = {"Gamma": 1.3, "beta0": 0.0, "xdot0": 0.0, "periods": 300}
 MANY_SEQUENCES: dict[str, Any] = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 5.1e-3, "r_2": 5e-3}
+CHOSEN: dict[str, Any] = {"A_r": 5, "f": 22, "e": 0.65, "mu": 0.1, "mu_s": 0.15, "Gamma": 0.9}
+TO_AND_FRO: dict[str, Any] = {
+    "r": 4.7e-3, "A_r": 5.55, "f": 18.4, "e": 0.699, "mu": 0.172, "mu_s": 0.276, "Gamma": 0.633,
+}  # fmt: skip
 GRAZES: dict[str, Any] = {"A_r": 7.0, "spin": 100.0}
 DIMERS = {"stable_to": (3, 5, 8, 9), "hop": (3, 7), "chatter": (4, 8)}  # numbers of random dimers
 BORDERS = ("fold", "flip", "hop", "stick_slip", "chatter", "curve", "stable")
@@ -42,6 +46,8 @@ ASKED_OF = {  # files of which few questions are asked: parts of their names
     "sequence_curve": ("hop", "stick_slip", "chatter", "curve"),
     "plane_curve": ("curve",),
     "pictures": (),
+    "slow_flow": ("sustained",),
+    "sustained": ("sustained",),
 }
 MATHEMATICS = "TURN", "FOLD.at", "FLIP.at"
 HEAD = f"""
@@ -119,6 +125,10 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
 
         return ask
 
+    def sustained(**given: Any) -> Callable[[], list[Any]]:
+        columns = "spin_low", "spin_high", "radius_low", "slow_periods", "sheet_high", "high_leads"
+        return lambda: table(orbits.sustained(**given), *columns)
+
     def edge() -> list[Any]:
         found = orbits.edge("beta0", (0.24, 0.28))
         return [found.value, *found.fates, found.stays, found.partner, found.clean]
@@ -158,6 +168,8 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
         "family with ends": family(60.0, 140.0, 9, Gamma=0.78726),
         "family of sections": family(550.0, 572.0, 4, A_r=6.0),
         "edge": edge,
+        "sustained spin": sustained(**CHOSEN),
+        "sustained between": sustained(spin=(140.0, 160.0), **TO_AND_FRO),
     }
 
 

@@ -16,6 +16,7 @@ from dimersweep.orbits.following import follow
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.plane_curve import border_curve
+from dimersweep.orbits.sustained import sustained
 
 __all__ = [
     "BORDER_KINDS",
@@ -28,4 +29,5 @@ __all__ = [
     "find",
     "follow",
     "later",
+    "sustained",
 ]

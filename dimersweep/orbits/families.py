@@ -147,7 +147,7 @@ def _next(last: list[PeriodicOrbit], spin: float, leaps: bool) -> PeriodicOrbit:
     def step(before: list[PeriodicOrbit], share: float) -> list[PeriodicOrbit]:
         at, to = before[0], spin if share == 1.0 else begin + share * (spin - begin)
         most = np.inf if leaps and (to - at.spin) * at.spin_drift > 0 else JOINED
-        return [first_found([partial(_step, before, to), partial(_run_onto, at, to, most)]), *before[:2]]
+        return [first_found([partial(step_along, before, to), partial(run_onto, at, to, most)]), *before[:2]]
 
     return in_steps(step, last, max(SHORTEST, 0.5 * MISSING_OVER * abs(spin / ((spin - begin) or 1.0))))[0]
 
@@ -157,7 +157,7 @@ def _near(a: float, b: float) -> bool:
     return abs(a - b) <= MISSING_OVER * abs(b)
 
 
-def _step(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
+def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     """The orbit at another spin, along the family; `last` are those before, the nearest first.
 
     It is lost if there is none nearby, or one so far from where the family leads that it may be another one's. Where an event
@@ -183,7 +183,7 @@ def _step(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     )
 
 
-def _run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
+def run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
     """The motion at another spin that a run from an orbit settles on, at most so far from where the orbit leads.
 
     It is lost if the orbit is not stable, or the run does not come to one.
