@@ -13,12 +13,12 @@ TO_AND_FRO = {"r": 4.7e-3, "A_r": 5.55, "f": 18.40, "e": 0.699, "mu": 0.172, "mu
 
 @pytest.fixture(scope="module")
 def chosen():
-    return orbits.sustained(**CHOSEN)
+    return orbits.sustained(spin=(0.0, 260.0), **CHOSEN)
 
 
 @pytest.fixture(scope="module")
 def cycle():
-    return orbits.sustained(**TO_AND_FRO)
+    return orbits.sustained(spin=(130.0, 160.0), **TO_AND_FRO)
 
 
 def spins_of_run(start, parameters, periods, parts):
@@ -44,11 +44,12 @@ def test_runs_from_below_and_above_come_to_it_at_its_rate(chosen, aside):
 def test_it_is_the_spin_at_which_nothing_drifts(chosen):
     one = chosen.isel(sustained=1)
     spin, error = float(one["spin"]), float(one["spin_error"])
+    assert error < 1e-6 * spin
     at = orbits.find(spin=spin, **CHOSEN)
     assert abs(at.spin_drift) < 1e-9 * spin
     assert at.radius == pytest.approx(float(one["radius"]), rel=1e-8)
-    coarse = orbits.sustained(spin=(150.0, 250.0), rtol=1e-11, **CHOSEN)
-    assert abs(float(coarse["spin"][0]) - spin) < 3 * error + 1e-9 * spin
+    coarse = orbits.sustained(spin=(205.0, 225.0), rtol=1e-11, **CHOSEN)
+    assert abs(float(coarse["spin"][0]) - spin) < error + float(coarse["spin_error"][0])
 
 
 def test_what_moves_in_a_plane_stays_there_or_does_not(chosen):
@@ -60,7 +61,7 @@ def test_what_moves_in_a_plane_stays_there_or_does_not(chosen):
 
 
 def test_the_mirror_image_has_the_opposite_spins():
-    found = orbits.sustained(spin=(-240.0, 240.0), **CHOSEN)["spin"].values
+    found = orbits.sustained(spin=(-220.0, 220.0), **CHOSEN)["spin"].values
     assert found.size == 3
     np.testing.assert_allclose(found, -found[::-1], rtol=1e-7, atol=1e-5)
 
@@ -69,8 +70,8 @@ def test_the_mirror_image_has_the_opposite_spins():
 def test_a_run_goes_to_and_fro_as_the_cycle_says(cycle):
     (one,) = (cycle.isel(sustained=k) for k in np.flatnonzero(cycle["kind"] == "cycle"))
     low, high, around = (float(one[name]) for name in ("spin_low", "spin_high", "slow_periods"))
-    parts = 200
-    spins = spins_of_run(0.5 * (low + high), TO_AND_FRO, parts * round(around / 50), parts)  # four times round
+    parts = 130
+    spins = spins_of_run(0.5 * (low + high), TO_AND_FRO, parts * round(around / 50), parts)  # 2.6 times round
     assert np.nanmin(spins) > low - 0.5 and np.nanmax(spins) < high + 0.5
     rises = np.flatnonzero((spins[:-1] < 145.5) & (spins[1:] >= 145.5))
     assert np.diff(rises).mean() / 50 == pytest.approx(1, rel=0.1)
@@ -84,7 +85,7 @@ def test_the_ends_of_sheets_lead_to_one_another(cycle):
 
 
 def test_a_base_case_that_loses_spin_comes_to_a_plane():
-    found = orbits.sustained()
+    found = orbits.sustained(spin=(0.0, 200.0))
     assert found["spin"].values == pytest.approx([0.0], abs=1e-6)
     assert found["attracts"].values.tolist() == [True]
 

@@ -219,15 +219,18 @@ def _located(between: Sheet, within: float) -> Standing:
         return (ahead.spin_drift - back.spin_drift) / (ahead.spin - back.spin)
 
     rate = first_found(partial(slope, share) for share in SLOPE_OVER)
-    return Standing(orbit, rate, _error(orbit, rate))
+    return Standing(orbit, rate, within + _error(orbit, rate))
 
 
 def _error(orbit: PeriodicOrbit, rate: float) -> float:
-    """How far the spin lies off where the map is ten times less accurate [rad/s]; NaN if it is not found there."""
+    """How far the spin may lie off [rad/s]: by what is left of the motion's equations, and by what changes where the map is ten
+    times less accurate; NaN if there is none there.
+    """
     fixed = orbit.fixed
     m = replace(fixed.map, rtol=10 * fixed.map.rtol)
     try:
         other = slow_motion_near(m, fixed.z, orbit.spin, fixed.matrix, fixed.gradient)
     except OrbitLost:
         return float("nan")
-    return abs((other.drift / m.periods - orbit.spin_drift) / rate)
+    left = max(other.residual, orbit.slow_motion.residual) * m.unit
+    return (left + abs(other.drift - orbit.slow_motion.drift)) / (m.periods * abs(rate))
