@@ -113,6 +113,15 @@ def forge_modes(*codes):
     forge(results=results.tobytes())
 
 
+def test_a_store_that_is_cut_while_it_is_open_is_told_in_a_line():
+    left_behind((0, 30), (50, 60))
+    with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
+        os.truncate(STORE, os.path.getsize(STORE) // 4)
+        store.connection.execute("PRAGMA shrink_memory")
+        with pytest.raises(StoreError, match=r"cube.nc.tiles: cannot be read \(.*\); run the same again"):
+            store.read(0, 120)
+
+
 OTHER = "tile 50 has other bytes than were written"
 LOST = "parts of the file cannot be read"
 

@@ -200,11 +200,9 @@ class Store:
             If one was damaged since the store was opened.
         """
         before = "coalesce((SELECT max(start) FROM tiles WHERE start <= ?), 0)"
-        found = self.connection.execute(
-            f"SELECT * FROM tiles WHERE start >= {before} AND start < ? AND stop > ? ORDER BY start",
-            (start, stop, start),
-        )
+        asked = f"SELECT * FROM tiles WHERE start >= {before} AND start < ? AND stop > ? ORDER BY start"
         try:
+            found = self.connection.execute(asked, (start, stop, start))
             for row in map(StoredTile._make, found):
                 if why := self.why_not(row):
                     raise StoreError(f"{self.path}: {_named(row)} {why}; run the same again")
