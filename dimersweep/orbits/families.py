@@ -280,12 +280,16 @@ def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
     return Later(spin=at_end, **read)
 
 
+def flow_along(spins: np.ndarray, drift: np.ndarray) -> CubicSpline:
+    """The rate ds/dn over the spin, from the change of the spin in a period at some spins; see `later`."""
+    return CubicSpline(spins, drift * (1 - CubicSpline(spins, drift).derivative()(spins) / 2))
+
+
 def _spin_after(spins: np.ndarray, drift: np.ndarray, spin: float, periods: float) -> float:
     """The spin after some periods; one at which nothing drifts is not passed."""
     if periods == 0:
         return spin
-    rate = CubicSpline(spins, drift)
-    flow = CubicSpline(spins, drift * (1 - rate.derivative()(spins) / 2))
+    flow = flow_along(spins, drift)
     scale = float(np.abs(spins).max())
     aside = OVER_THE_END * scale  # what drifts by rounding alone does not leave the family
 

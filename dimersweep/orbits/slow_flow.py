@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import quad
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from dimersweep.kernel.model.layout import FREE, PERIOD, PHASE
 from dimersweep.kernel.record import SEGMENT_MODES
 from dimersweep.orbits.continuation import LOCATED
-from dimersweep.orbits.families import on_family, step_along
+from dimersweep.orbits.families import flow_along, on_family, step_along
 from dimersweep.orbits.manifold import slow_motion_near, slow_motion_of
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
@@ -50,11 +50,6 @@ class Sheet:
     def spins(self) -> np.ndarray:
         """Of the orbits [rad/s]."""
         return np.array([one.spin for one in self.orbits])
-
-    @cached_property
-    def drifts(self) -> np.ndarray:
-        """Change of the spin in a forcing period [rad/s]."""
-        return np.array([one.spin_drift for one in self.orbits])
 
     def at(self, spin: float) -> PeriodicOrbit:
         """The orbit of a spin; lost if it is found from neither of the two nearest ones."""
@@ -170,17 +165,12 @@ def landing(end: PeriodicOrbit) -> Arrival:
     raise why
 
 
-def rates(sheet: Sheet) -> Iterator[tuple[float, float, BSpline]]:
-    """The rate ds/dn along a sheet, from one change of sequence to the next: least and greatest spin there, and a spline.
-
-    The spin obeys s(n + 1) = s(n) + d(s(n)); the flow ds/dn = d - d d'/2 has this map to second order.
-    """
+def rates(sheet: Sheet) -> Iterator[tuple[float, float, CubicSpline]]:
+    """The rate ds/dn along a sheet, from one change of sequence to the next: least and greatest spin there, and a spline."""
     for _, stretch in groupby(sheet.orbits, key=lambda one: one.sequence):
         spins, drifts = np.array([(one.spin, one.spin_drift) for one in stretch]).T
         if spins.size > 1:
-            degree = min(3, spins.size - 1)
-            slope = make_interp_spline(spins, drifts, degree).derivative()(spins)
-            yield spins[0], spins[-1], make_interp_spline(spins, drifts * (1 - slope / 2), degree)
+            yield spins[0], spins[-1], flow_along(spins, drifts)
 
 
 def time_between(sheet: Sheet, begin: float, end: float) -> float:

@@ -1,6 +1,7 @@
 """Sustained spins: where friction neither gives spin nor takes it, and the circle that a dimer chooses by itself."""
 
 from collections.abc import Iterator
+from functools import partial
 from itertools import chain
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from dimersweep.inputs import check_rtol
 from dimersweep.orbits.families import BEGIN_AT, run_onto, spin_range
 from dimersweep.orbits.finding import MOST_TURNS, RTOL, checked, orbit_at
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset
-from dimersweep.orbits.poincare import TURN, OrbitLost, Recorder
+from dimersweep.orbits.poincare import TURN, OrbitLost, Recorder, first_found
 from dimersweep.orbits.slow_flow import Arrival, Sheet, Standing, landing, sheet_through, standing, time_between
 from dimersweep.runs.run import Run
 from dimersweep.symbols import Quantity
@@ -21,14 +22,6 @@ MOST_SHEETS = 16  # that are followed
 BEYOND = 1e-3  # share of the spin beyond an end of a sheet at which another one is looked for
 RUN_ON = 1000  # forcing periods of a run over the end of a sheet that comes to no orbit
 BELOW, ABOVE = False, True  # the ends of a sheet
-
-
-class Way(NamedTuple):
-    """Where the spin goes from a place on a sheet: over which of its ends; or, without one, to a spin at which it stands."""
-
-    sheet: int
-    spin: float
-    end: bool | None
 
 
 class Cycle(NamedTuple):
@@ -75,18 +68,6 @@ class SlowFlow:
                 if sense * last.spin_drift > 0:
                     self.leads[number, end] = last.run(RUN_ON).mode
 
-    def way(self, orbit: PeriodicOrbit) -> Way | None:
-        """Where the spin goes from an orbit; None if that is on no sheet that is known."""
-        number = self.of(orbit)
-        if number is None:
-            return None
-        sheet, sense = self.sheets[number], np.sign(orbit.spin_drift)
-        ahead = [one.orbit.spin for one in self.standing[number] if (one.orbit.spin - orbit.spin) * sense > 0]
-        if ahead or sense == 0:
-            return Way(number, min(ahead, key=lambda spin: abs(spin - orbit.spin), default=orbit.spin), None)
-        end = ABOVE if sense > 0 else BELOW
-        return Way(number, float(sheet.spins[-end]), end)
-
     def cycles(self) -> list[Cycle]:
         """Those between the sheets, each once."""
         found: dict[frozenset[tuple[int, bool]], Cycle] = {}
@@ -102,10 +83,14 @@ class SlowFlow:
         return list(found.values())
 
     def _next(self, at: tuple[int, bool]) -> tuple[int, bool] | None:
-        """The end of a sheet over which the spin goes next, after one."""
+        """The end of a sheet over which the spin goes next, after one; None if it comes to stand, or leaves what is known."""
         led = self.leads.get(at)
-        way = self.way(led.orbit) if isinstance(led, Arrival) else None
-        return None if way is None or way.end is None else (way.sheet, way.end)
+        number = self.of(led.orbit) if isinstance(led, Arrival) else None
+        if not isinstance(led, Arrival) or number is None:
+            return None
+        drift = led.orbit.spin_drift
+        stands = any((one.orbit.spin - led.orbit.spin) * drift > 0 for one in self.standing[number])
+        return None if stands or drift == 0 else (number, drift > 0)
 
     def _cycle(self, around: list[tuple[int, bool]]) -> Cycle:
         orbits, periods = [], 0.0
@@ -172,19 +157,20 @@ def sustained(
     given, rtol = checked(parameters, guess), check_rtol(rtol)
     low, high = (0.0, MOST_TURNS * TURN * given["f"]) if spin is None else spin_range(spin, given)
     begins = [None] if spin is None or guess is not None else [low + share * (high - low) for share in BEGIN_AT]
-    recorder, reasons = Recorder(), []
-    for begin in begins:
-        try:
-            first = orbit_at(given, begin, guess=guess, rtol=rtol, recorder=recorder)
-        except OrbitError as reason:
-            reasons.append(str(reason))
-            continue
-        if first.stable and low <= first.spin <= high:
-            return _dataset(SlowFlow(first, low, high), given, recorder, rtol)
-        reasons.append(
-            f"the orbit of spin = {first.spin:.6g} rad/s is {'beyond the range' if first.stable else 'unstable'}"
-        )
-    raise OrbitError(f"no sustained spin: {'; '.join(reasons)}")
+    recorder = Recorder()
+
+    def begun(at: float | None) -> PeriodicOrbit:
+        one = orbit_at(given, at, guess=guess, rtol=rtol, recorder=recorder)
+        if not (one.stable and low <= one.spin <= high):
+            why = "beyond the range" if one.stable else "unstable"
+            raise OrbitLost(f"the orbit of spin = {one.spin:.6g} rad/s is {why}")
+        return one
+
+    try:
+        first = first_found(partial(begun, at) for at in begins)
+    except OrbitError as reason:
+        raise OrbitError(f"no sustained spin: {reason}") from None
+    return _dataset(SlowFlow(first, low, high), given, recorder, rtol)
 
 
 class Row(NamedTuple):
