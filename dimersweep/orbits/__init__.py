@@ -10,7 +10,8 @@ Examples
 
 from dimersweep.orbits.border_grid import border
 from dimersweep.orbits.edges import Edge, edge
-from dimersweep.orbits.families import family, later
+from dimersweep.orbits.families import family
+from dimersweep.orbits.fate import later
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import follow
 from dimersweep.orbits.kinds import BORDER_KINDS

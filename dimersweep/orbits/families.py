@@ -7,16 +7,14 @@ after the other. The family is followed on the slow manifold, not on the fixed p
 from contextlib import suppress
 from functools import partial
 from itertools import takewhile
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
-from scipy.integrate import solve_ivp
-from scipy.interpolate import BarycentricInterpolator, CubicSpline
+from scipy.interpolate import BarycentricInterpolator
 
 from dimersweep.cubes.grid import evenly
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.inputs import as_number, check_count, check_rtol
+from dimersweep.inputs import check_count, check_rtol
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, settled_near
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
@@ -29,9 +27,7 @@ from dimersweep.orbits.specials import JOINED
 MISSING_OVER = 0.02  # part of the spin over which orbits may be missing, where a sequence just changes
 SHORTEST = 1 / 128  # step on the way from one spin to the next, in the whole of it
 THROUGH = 3  # points of the family through which the next one is looked for
-OVER_THE_END = 1e-7  # of the greatest spin, by which rounding may lead over an end of the family
 BEGIN_AT = (0.5, 0.25, 0.75, 0.0, 1.0)  # parts of the range of spins at which a first orbit is looked for
-READ = ("radius", "period", "zeta")
 
 
 def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, **parameters: float) -> xr.Dataset:
@@ -214,93 +210,3 @@ def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
 def on_family(m: ReturnMap, slow_motion: SlowMotion) -> PeriodicOrbit:
     """The orbit of a motion of the family; its `fixed` is where the motion is, with the derivatives there."""
     return orbit_of(fixed_at(m, slow_motion.z, slow_motion.image, slow_motion.residual), slow_motion)
-
-
-class Later(NamedTuple):
-    """A motion some periods on.
-
-    Attributes
-    ----------
-    spin : float
-        After the double impact [rad s-1].
-    radius, period, zeta : float
-        Of the orbit [m, s, rad].
-    """
-
-    spin: float
-    radius: float
-    period: float
-    zeta: float
-
-
-def later(family: xr.Dataset, *, spin: float, periods: float) -> Later:
-    """The motion some forcing periods after it had a given spin, by integration of the slow rate.
-
-    The spin obeys s(n + 1) = s(n) + d(s(n)); the flow ds/dn = d - d d'/2 has this map to second order. Where d falls through
-    zero as the spin grows, the motion comes to that spin and keeps it.
-
-    Parameters
-    ----------
-    family : xarray.Dataset
-        From `family`.
-    spin : float
-        Axial spin after the double impact, as in `Run.orbit.spin` [rad s-1].
-    periods : float
-        Forcing periods, forwards; backwards if negative.
-
-    Returns
-    -------
-    Later
-
-    Raises
-    ------
-    ParameterError
-        If the spin is beyond the family, or the motion comes to its end before.
-
-    Examples
-    --------
-    >>> from dimersweep import orbits
-    >>> family = orbits.family(spin=(100.0, 110.0), points=5)
-    >>> round(orbits.later(family, spin=110.0, periods=10_000).radius, 3)
-    4.256
-    """
-    spin, periods = as_number("spin", spin), as_number("periods", periods)
-    family = family.sortby("spin").isel(spin=np.isfinite(family.sortby("spin")["spin_drift"].values))
-    spins = family["spin"].values
-    if spins.size < 4 or (np.diff(spins) == 0).any():
-        raise ParameterError(f"family: has {np.unique(spins).size} points; needs at least 4, each spin once")
-    if not spins[0] <= spin <= spins[-1]:
-        raise ParameterError(f"spin = {spin:g}: the family goes from {spins[0]:g} to {spins[-1]:g} rad/s")
-    at_end = _spin_after(spins, family["spin_drift"].values, spin, periods)
-    read = {}
-    for name in READ:
-        values = family[name].values
-        known = np.isfinite(values)  # in a plane there is no circle
-        read[name] = float(CubicSpline(spins[known], values[known])(at_end)) if known.sum() > 1 else float("nan")
-    return Later(spin=at_end, **read)
-
-
-def flow_along(spins: np.ndarray, drift: np.ndarray) -> CubicSpline:
-    """The rate ds/dn over the spin, from the change of the spin in a period at some spins; see `later`."""
-    return CubicSpline(spins, drift * (1 - CubicSpline(spins, drift).derivative()(spins) / 2))
-
-
-def _spin_after(spins: np.ndarray, drift: np.ndarray, spin: float, periods: float) -> float:
-    """The spin after some periods; one at which nothing drifts is not passed."""
-    if periods == 0:
-        return spin
-    flow = flow_along(spins, drift)
-    scale = float(np.abs(spins).max())
-    aside = OVER_THE_END * scale  # what drifts by rounding alone does not leave the family
-
-    def inside(_: float, s: np.ndarray) -> float:
-        return float(min(s[0] - spins[0], spins[-1] - s[0]) + aside)
-
-    inside.terminal = True  # type: ignore[attr-defined]
-    way = solve_ivp(lambda _, s: flow(s), (0.0, periods), [spin], "LSODA", events=inside, rtol=RTOL, atol=RTOL * scale)
-    if way.status == 1:
-        ends = f"the motion comes to the end of the family after {abs(way.t[-1]):.0f}"
-        raise ParameterError(f"periods = {periods:g}: {ends}")
-    if way.status < 0:
-        raise ParameterError(f"periods = {periods:g}: the spin cannot be followed so far ({way.message})")
-    return float(np.clip(way.y[0, -1], spins[0], spins[-1]))

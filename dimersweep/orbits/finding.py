@@ -1,6 +1,6 @@
 """Find an orbit: from a run, from another orbit, or from the closed form of a ball on a plate."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -226,6 +226,20 @@ def checked_spin(spin: float | None, given: dict[str, float]) -> float:
     if abs(spin) > most:
         raise ParameterError(f"spin = {spin:g}: must be at most {most:.3g} rad/s in size")
     return spin
+
+
+def orbit_from(parameters: Mapping[str, float], start: np.ndarray, periods: int, recorder: Recorder) -> PeriodicOrbit:
+    """The orbit of the motion that a run has come to, and that repeats after so many forcing periods; see `features_from`."""
+    modes, state = start[N_STATE:].copy(), start[:N_STATE].copy()
+    return orbit_through(
+        *settled_on(ReturnMap(dict(parameters), parameters["phi0"], modes, periods, RTOL, recorder), state, periods)
+    )
+
+
+def orbit_through(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
+    """The orbit of a motion that has settled, near a point of its section; lost if there is none."""
+    fixed = solve(m, z, m.image(z).spin)
+    return orbit_of(fixed, slow_motion_of(fixed))
 
 
 def _starts(

@@ -184,14 +184,16 @@ class PeriodicOrbit:
         warnings.warn(FORMER_WORD, DeprecationWarning, stacklevel=2)
         return self.sequence
 
-    def run(self, periods: int = 100, rtol: float = 1e-8) -> Run:
-        """A recorded run that starts on the orbit, at the plate's phase `phi0` of the parameters.
+    def run(self, periods: int = 100, rtol: float = 1e-8, record: bool = True) -> Run:
+        """A run that starts on the orbit, at the plate's phase `phi0` of the parameters.
 
         Parameters
         ----------
         periods : int
         rtol : float
             Accuracy of the run [1].
+        record : bool
+            Whether it is recorded.
 
         Returns
         -------
@@ -204,8 +206,10 @@ class PeriodicOrbit:
         # the cyclic coordinates begin anew
         begun = State(*state)._replace(phase=0.0, period=0.0, theta=0.0, x1=0.0, y1=0.0, gamma=0.0)
         row = m.row_at(self.parameters["phi0"])
-        solved = run_row(row, np.array([[*begun, 0.0, 0.0]]), exactly(periods, rtol), recorder.space, record=True)
+        solved = run_row(row, np.array([[*begun, 0.0, 0.0]]), exactly(periods, rtol), recorder.space, record=record)
         run = as_run(self.parameters, rtol, solved, None)
+        if not record:
+            return run
         start = start_of(run.states(0.0))
         del start["phase"]  # which is phi0
         return replace(run, start=start)

@@ -1,138 +1,27 @@
-"""The slow flow: how the spin drifts from orbit to orbit, and the spins at which it stands still.
+"""The slow flow: over which sheets the spin drifts, one after the other, and where it comes to in the end.
 
-A *sheet* is a stretch of the slow family over which the motion changes steadily with the spin, kinks where the symbol sequence
-changes among it. It ends where the motion leaps to another one, ceases to be stable, or ceases. Where the drift leads over an
-end, a run goes on from there, to another sheet or another motion. Two sheets may lead to one another: then the spin goes to and
-fro between their ends for good.
+Where the drift leads over the end of a sheet, a run goes on from there, to another sheet or to a motion that is none. Sheets
+may lead to one another: then the spin goes to and fro between their ends for good.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from itertools import groupby, pairwise
+from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.integrate import quad
-from scipy.interpolate import CubicSpline
-from scipy.optimize import brentq
 
-from dimersweep.kernel.model.layout import FREE, PERIOD, PHASE
-from dimersweep.kernel.record import SEGMENT_MODES
-from dimersweep.orbits.continuation import LOCATED
-from dimersweep.orbits.families import flow_along, on_family, step_along
-from dimersweep.orbits.manifold import slow_motion_near, slow_motion_of
-from dimersweep.orbits.newton import solve
-from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.poincare import OrbitLost, first_found
+from dimersweep.errors import OrbitError
+from dimersweep.kernel.model.layout import DOWN_WORDS
+from dimersweep.orbits.finding import MOST_TURNS, of_run, orbit_through
+from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.poincare import TURN, OrbitLost
+from dimersweep.orbits.sheets import Sheet, Standing, sheet_through, standing, taken_up, time_between
 
-# steps of the spin, as shares of it or of `SLOW_SPIN`: the first, the longest, that after a change of sequence; their growth
-FIRST, WIDEST_STEP, AFTER_CHANGE, GROWTH = 0.02, 0.05, 3e-4, 1.5
-SLOW_SPIN = 0.1  # spin below which steps are no shorter, in units of the section
-LEAPT = 3.0  # way of a motion over a step, in units of that which the step before leads to expect, beyond which it has leapt
-ROUNDED = 1e-4  # of such a way, in units of the section, that rounding may add
-SLOPE_OVER = (0.05, 0.2, 0.01)  # shares of a step over which the slope of the drift is taken, in the order of trial
-ON_SHEET, NEAR_SHEET = 1e-4, 1e-3  # shares by which numbers of one orbit may differ; from those between its neighbours
-MOST_POINTS = 1000  # of a sheet to either side
 LANDS_AFTER = (100, 300, 1000, 3000)  # forcing periods of a run over the end of a sheet, one after the other
 LANDED = 0.02  # distance of such a run from an orbit, in units of the section, below which it has come to it
-
-
-@dataclass
-class Sheet:
-    """Orbits of a stretch of the slow family, by ascending spin, and why it ends below and above; none where it goes on."""
-
-    orbits: list[PeriodicOrbit]
-    low_end: str
-    high_end: str
-
-    @cached_property
-    def spins(self) -> np.ndarray:
-        """Of the orbits [rad/s]."""
-        return np.array([one.spin for one in self.orbits])
-
-    def at(self, spin: float) -> PeriodicOrbit:
-        """The orbit of a spin; lost if it is found from neither of the two nearest ones."""
-        near = [self.orbits[k] for k in np.argsort(np.abs(self.spins - spin))[:2]]
-        return near[0] if near[0].spin == spin else first_found(partial(step_along, [one], spin) for one in near)
-
-    def holds(self, orbit: PeriodicOrbit) -> bool:
-        """Whether an orbit is one of the sheet."""
-        if not self.spins[0] <= orbit.spin <= self.spins[-1] or orbit.periods != self.orbits[0].periods:
-            return False
-        told, columns = [orbit.impact_phase, orbit.speed], [(one.impact_phase, one.speed) for one in self.orbits]
-        try:
-            there = self.at(orbit.spin)
-        except OrbitLost:  # there the map has no derivatives that are of use
-            return np.allclose(
-                told, [np.interp(orbit.spin, self.spins, each) for each in np.array(columns).T], rtol=NEAR_SHEET
-            )
-        return np.allclose(told, [there.impact_phase, there.speed], rtol=ON_SHEET)
-
-
-def onward(first: PeriodicOrbit, to: float) -> Iterator[PeriodicOrbit]:
-    """The orbits of a sheet from one on, up to a spin; lost where it ends before, once it is known where.
-
-    On both sides of a change of sequence there is one.
-    """
-    last, sense, unit = [first], np.sign(to - first.spin), SLOW_SPIN * first.fixed.map.unit
-    step = FIRST * max(abs(first.spin), unit)
-    spin = first.spin
-    for _ in range(MOST_POINTS):
-        if spin == to:
-            return
-        here, scale = last[0].spin, max(abs(last[0].spin), unit)
-        step = min(step, WIDEST_STEP * scale)
-        whole = unit if to == 0 and step == WIDEST_STEP * scale else 1.01 * step
-        spin = to if (to - here) * sense <= whole else here + sense * step
-        short = step <= LOCATED * scale or spin == 0  # what moves in a plane has a sequence of its own
-        try:
-            nxt = _steadily(last, spin, over_change=short)
-        except OrbitLost:
-            if step <= LOCATED * scale:
-                raise
-            step, spin = max(0.5 * min(abs(spin - here), step), LOCATED * scale), here
-            continue
-        yield nxt
-        step = AFTER_CHANGE * scale if nxt.sequence != last[0].sequence else GROWTH * step
-        last = [nxt, *last[:2]]
-    raise OrbitLost(f"more than {MOST_POINTS} steps lead on")
-
-
-def _steadily(last: list[PeriodicOrbit], spin: float, over_change: bool) -> PeriodicOrbit:
-    """The orbit at another spin; lost if the motion has leapt, is unstable, or (unless `over_change`) of another sequence."""
-    here, nxt = last[0], step_along(last, spin)
-    if not nxt.stable:
-        raise OrbitLost("the orbit becomes unstable")
-    if nxt.sequence != here.sequence and not over_change:
-        raise OrbitLost("the sequence changes")
-    if len(last) > 1:
-        points = [one.fixed for one in (nxt, here, last[1])]
-        if len({(one.map.phase, one.z.size) for one in points}) == 1:
-            b, a, before = (one.z for one in points)
-            pace = np.abs(a - before).max() / abs(here.spin - last[1].spin)
-            if np.abs(b - a).max() > LEAPT * pace * abs(spin - here.spin) + ROUNDED:
-                raise OrbitLost("the motion leaps")
-    return nxt
-
-
-def sheet_through(orbit: PeriodicOrbit, low: float, high: float) -> Sheet:
-    """The sheet of an orbit between two spins."""
-    begin = on_family(orbit.fixed.map, orbit.slow_motion)
-    below, low_end = _as_far_as(begin, low)
-    above, high_end = _as_far_as(begin, high)
-    return Sheet([*below[::-1], begin, *above], low_end, high_end)
-
-
-def _as_far_as(begin: PeriodicOrbit, to: float) -> tuple[list[PeriodicOrbit], str]:
-    """The orbits of a sheet from one on, and why it ends; nothing if it goes on."""
-    found: list[PeriodicOrbit] = []
-    try:
-        for one in onward(begin, to):
-            found.append(one)
-    except OrbitLost as reason:
-        return found, str(reason)
-    return found, ""
+MOST_SHEETS = 16  # that are followed
+BELOW, ABOVE = False, True  # the ends of a sheet
 
 
 class Arrival(NamedTuple):
@@ -142,85 +31,193 @@ class Arrival(NamedTuple):
     periods: float  # forcing periods on the way
 
 
-def landing(end: PeriodicOrbit) -> Arrival:
-    """Where a run comes to that drifts over the end of a sheet; lost, with what it does, if it comes to no orbit."""
+def landing(end: PeriodicOrbit) -> Arrival | Standing | str:
+    """Where a run comes to that drifts over the end of a sheet; the mode of the run, if to no orbit.
+
+    Where motions alternate at the end, one beyond it tells whether the drift leads on, or back to the end, where it is held.
+    """
+    led = _landed(end, any_period=False)
+    if isinstance(led, Arrival):
+        return led
+    try:
+        beyond = taken_up(end, np.sign(end.spin_drift), np.inf)
+    except OrbitLost:
+        return _landed(end, any_period=True)
+    way = abs(beyond.spin - end.spin)
+    back = beyond.spin_drift * end.spin_drift < 0
+    return Standing(end, -np.inf, way) if back else Arrival(beyond, way / abs(end.spin_drift))
+
+
+def _landed(end: PeriodicOrbit, any_period: bool) -> Arrival | str:
+    """The orbit that a run comes to, of the same period or any; the mode of the run, if to none."""
     m = end.fixed.map
-    state, why, begun = m.state(end.slow_motion.z), OrbitLost("the run comes to no orbit"), m.recorder.periods
-    for periods in LANDS_AFTER:
-        for _ in range(periods):
-            state[[PHASE, PERIOD]] = 0.0
-            state, _, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
-        if (passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2] != FREE).all():
-            raise OrbitLost("the motion dies: both ends stay on the plate")
-        taken = m.recorder.periods - begun
+    run = end.run(LANDS_AFTER[0], m.rtol)
+    for more in (0, *LANDS_AFTER[1:]):
+        run = run.go_on(more) if more else run
+        if run.mode in DOWN_WORDS or not (run.mode_period if any_period else run.mode_period == m.periods):
+            continue
         try:
-            own, z = m.moved(passage)
-            fixed = solve(own, z, own.image(z).spin)
-            orbit = orbit_of(fixed, slow_motion_of(fixed))
-        except OrbitLost as reason:
-            why = reason
+            own, z = of_run(run, replace(m, periods=run.mode_period))
+            orbit = orbit_through(own, z)
+        except OrbitLost:
             continue
         if orbit.stable and np.abs(orbit.slow_motion.z - z).max() < LANDED:
-            return Arrival(orbit, taken)
-    raise why
+            return Arrival(orbit, run.n_periods)
+    return run.mode
 
 
-def rates(sheet: Sheet) -> Iterator[tuple[float, float, CubicSpline]]:
-    """The rate ds/dn along a sheet, from one change of sequence to the next: least and greatest spin there, and a spline."""
-    for _, stretch in groupby(sheet.orbits, key=lambda one: one.sequence):
-        spins, drifts = np.array([(one.spin, one.spin_drift) for one in stretch]).T
-        if spins.size > 1:
-            yield spins[0], spins[-1], flow_along(spins, drifts)
+class DriftLeg(NamedTuple):
+    """A drift of the spin along a sheet."""
+
+    number: int  # of the sheet
+    begin: PeriodicOrbit
+    to: float  # spin at its end [rad/s]
+    periods: float  # forcing periods up to there; infinite where it stands still there
+    then: Standing | Arrival | str  # where it stands, or, at the end of the sheet, as `landing` says
 
 
-def time_between(sheet: Sheet, begin: float, end: float) -> float:
-    """Forcing periods that the spin takes from one value to another one on a sheet, between which it does not stand still."""
-    low, high = sorted((begin, end))
-    spans = [(max(a, low), min(b, high), rate) for a, b, rate in rates(sheet)]
-    return sum(abs(quad(lambda s, rate=rate: 1 / rate(s), a, b, limit=200)[0]) for a, b, rate in spans if a < b)
+class Cycle(NamedTuple):
+    """Stretches of sheets that lead to one another over their ends: the spin goes to and fro for good."""
+
+    orbits: list[PeriodicOrbit]
+    periods: float  # forcing periods of one round
+    kind: str = "cycle"
 
 
-class Standing(NamedTuple):
-    """A spin at which nothing drifts."""
+class SlowFlow:
+    """The sheets of one set of parameters between two spins, as far as they were asked for, and where they lead.
 
-    orbit: PeriodicOrbit
-    rate: float  # of what is off it, per forcing period and in units of itself: it attracts below zero
-    error: float  # of the spin, by that of the map [rad/s]
-
-
-def standing(sheet: Sheet) -> Iterator[Standing]:
-    """The spins of a sheet at which nothing drifts, each located to `LOCATED`."""
-    still = SLOW_SPIN * sheet.orbits[0].fixed.map.unit
-    for a, b in pairwise(sheet.orbits):
-        if abs(a.spin) <= LOCATED * still:  # what moves in a plane has no spin, and beside it the drift is odd
-            yield Standing(a, b.spin_drift / b.spin, 0.0)
-        elif abs(b.spin) > LOCATED * still and a.spin_drift * b.spin_drift < 0:
-            yield _located(Sheet([a, b], "", ""), LOCATED * max(abs(a.spin), still))
-
-
-def _located(between: Sheet, within: float) -> Standing:
-    """The spin between two orbits at which nothing drifts, so well known."""
-    low, high = between.spins.tolist()
-    spin = float(brentq(lambda s: between.at(s).spin_drift, low, high, xtol=within, rtol=8.9e-16))
-    orbit = between.at(spin)
-
-    def slope(share: float) -> float:
-        ahead, back = (step_along([orbit], spin + by * share * (high - low)) for by in (1, -1))
-        return (ahead.spin_drift - back.spin_drift) / (ahead.spin - back.spin)
-
-    rate = first_found(partial(slope, share) for share in SLOPE_OVER)
-    return Standing(orbit, rate, within + _error(orbit, rate))
-
-
-def _error(orbit: PeriodicOrbit, rate: float) -> float:
-    """How far the spin may lie off [rad/s]: by what is left of the motion's equations, and by what changes where the map is ten
-    times less accurate; NaN if there is none there.
+    Parameters
+    ----------
+    low, high : float
+        The spins [rad/s].
     """
-    fixed = orbit.fixed
-    m = replace(fixed.map, rtol=10 * fixed.map.rtol)
-    try:
-        other = slow_motion_near(m, fixed.z, orbit.spin, fixed.matrix, fixed.gradient)
-    except OrbitLost:
-        return float("nan")
-    left = max(other.residual, orbit.slow_motion.residual) * m.unit
-    return (left + abs(other.drift - orbit.slow_motion.drift)) / (m.periods * abs(rate))
+
+    def __init__(self, low: float, high: float) -> None:
+        self.low, self.high = low, high
+        self.sheets: list[Sheet] = []
+        self.standing: list[list[Standing]] = []  # of each sheet, by ascending spin
+        self.leads: dict[tuple[int, bool], Arrival | Standing | str] = {}
+
+    def sheet_of(self, orbit: PeriodicOrbit) -> int:
+        """The number of the sheet that a stable orbit is on; lost if none goes on from it, or they are too many."""
+        for number, sheet in enumerate(self.sheets):
+            if sheet.holds(orbit):
+                return number
+        if len(self.sheets) == MOST_SHEETS:
+            raise OrbitLost(f"the drift leads over more than {MOST_SHEETS} sheets")
+        sheet = sheet_through(orbit, self.low, self.high)
+        if sheet.spins.size < 2:
+            raise OrbitLost(f"the family does not go on from spin = {orbit.spin:.6g} rad/s: {sheet.high_end}")
+        stands = list(standing(sheet))
+        known = {one.spin: one for one in (*sheet.orbits, *(one.orbit for one in stands))}
+        whole = replace(sheet, orbits=[known[spin] for spin in sorted(known)])
+        for number, part in enumerate(self.sheets):
+            if whole.holds(part.orbits[len(part.orbits) // 2]):  # followed from there it ended sooner
+                self.sheets[number], self.standing[number] = whole, stands
+                self.leads = {key: led for key, led in self.leads.items() if key[0] != number}
+                return number
+        self.sheets.append(whole)
+        self.standing.append(stands)
+        return len(self.sheets) - 1
+
+    def drifts_over(self, number: int, end: bool) -> bool:
+        """Whether a motion drifts over an end of a sheet."""
+        sheet = self.sheets[number]
+        return bool(sheet.high_end if end else sheet.low_end) and sheet.orbits[-end].spin_drift * (1 if end else -1) > 0
+
+    def lead(self, number: int, end: bool) -> Arrival | Standing | str:
+        """Where a run comes to over an end of a sheet, as `landing` says."""
+        if (number, end) not in self.leads:
+            self.leads[number, end] = landing(self.sheets[number].orbits[-end])
+        return self.leads[number, end]
+
+    def explore(self, first: PeriodicOrbit) -> None:
+        """Follow all sheets that the ends of that of an orbit, and theirs, lead to."""
+        waiting, seen = [first], 0
+        while waiting:
+            try:
+                self.sheet_of(waiting.pop(0))
+            except OrbitLost:
+                if not self.sheets:
+                    raise
+            while seen < len(self.sheets):
+                waiting += self._led_to(seen)
+                seen += 1
+
+    def _led_to(self, number: int) -> Iterator[PeriodicOrbit]:
+        """The orbits that the ends of a sheet lead to."""
+        sheet = self.sheets[number]
+        for end, sense, why in ((BELOW, -1.0, sheet.low_end), (ABOVE, 1.0, sheet.high_end)):
+            last = sheet.orbits[-end]
+            if self.drifts_over(number, end):
+                led = self.lead(number, end)
+                if isinstance(led, Arrival):
+                    yield led.orbit
+            elif why:  # no motion drifts over it, but the family may go on
+                with suppress(OrbitLost):
+                    yield taken_up(last, sense, np.inf)
+
+    def leg(self, begin: PeriodicOrbit) -> DriftLeg:
+        """The drift from an orbit on; lost if it is on no sheet."""
+        number, drift = self.sheet_of(begin), begin.spin_drift
+        sheet, end = self.sheets[number], drift > 0
+        ahead = [one for one in self.standing[number] if (one.orbit.spin - begin.spin) * drift >= 0]
+        if drift == 0 or ahead:
+            stands = min(ahead or self.standing[number], key=lambda one: abs(one.orbit.spin - begin.spin))
+            return DriftLeg(number, begin, stands.orbit.spin, np.inf, stands)
+        last = sheet.orbits[-end]
+        if not self.drifts_over(number, end):
+            raise OrbitLost(f"the drift leads beyond spin = {last.spin:.6g} rad/s")
+        periods = time_between(sheet.stretches, begin.spin, last.spin)
+        return DriftLeg(number, begin, last.spin, periods, self.lead(number, end))
+
+    def way(self, begin: PeriodicOrbit) -> Iterator[DriftLeg]:
+        """The drifts from an orbit on, one after the other, without an end where they form a cycle."""
+        while True:
+            leg = self.leg(begin)
+            yield leg
+            if not isinstance(leg.then, Arrival):
+                return
+            begin = leg.then.orbit
+
+    def fate(self, begin: PeriodicOrbit) -> Standing | Cycle | str:
+        """Where the spin of an orbit comes to: where it stands, its cycle, or the mode of the run at the end."""
+        legs: list[DriftLeg] = []
+        for leg in self.way(begin):
+            if not isinstance(leg.then, Arrival):
+                return leg.then
+            same = [k for k, one in enumerate(legs) if one.then is leg.then]
+            if same:
+                return self._cycle([*legs[same[0] + 1 :], leg])
+            legs.append(leg)
+        raise AssertionError("a way ends with a leg that leads to no orbit")
+
+    def cycles(self) -> list[Cycle]:
+        """Those between the sheets, each once."""
+        found: dict[frozenset[float], Cycle] = {}
+        for led in self.leads.values():
+            try:
+                fate = self.fate(led.orbit) if isinstance(led, Arrival) else ""
+            except OrbitError:
+                continue
+            if isinstance(fate, Cycle):
+                found.setdefault(frozenset(one.spin for one in fate.orbits), fate)
+        return list(found.values())
+
+    def held(self) -> list[Standing]:
+        """The ends of sheets at which the drift is held."""
+        return [led for led in self.leads.values() if isinstance(led, Standing)]
+
+    def _cycle(self, legs: list[DriftLeg]) -> Cycle:
+        orbits: list[PeriodicOrbit] = []
+        for leg in legs:
+            low, high = sorted((leg.begin.spin, leg.to))
+            orbits += [leg.begin, *(one for one in self.sheets[leg.number].orbits if low <= one.spin <= high)]
+        return Cycle(orbits, sum(leg.periods + leg.then.periods for leg in legs if isinstance(leg.then, Arrival)))
+
+
+def flow_of(orbit: PeriodicOrbit) -> SlowFlow:
+    """The slow flow of the spins in the sense of that of an orbit, which do not change their sign."""
+    most = MOST_TURNS * TURN * orbit.parameters["f"]
+    return SlowFlow(0.0, most) if orbit.spin >= 0 else SlowFlow(-most, 0.0)

@@ -3,105 +3,20 @@
 from collections.abc import Iterator
 from functools import partial
 from itertools import chain
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from dimersweep.errors import OrbitError
 from dimersweep.inputs import check_rtol
-from dimersweep.orbits.families import BEGIN_AT, run_onto, spin_range
+from dimersweep.orbits.families import BEGIN_AT, spin_range
 from dimersweep.orbits.finding import MOST_TURNS, RTOL, checked, orbit_at
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset
 from dimersweep.orbits.poincare import TURN, OrbitLost, Recorder, first_found
-from dimersweep.orbits.slow_flow import Arrival, Sheet, Standing, landing, sheet_through, standing, time_between
+from dimersweep.orbits.slow_flow import ABOVE, BELOW, SlowFlow
 from dimersweep.runs.run import Run
 from dimersweep.symbols import Quantity
-
-MOST_SHEETS = 16  # that are followed
-BEYOND = 1e-3  # share of the spin beyond an end of a sheet at which another one is looked for
-RUN_ON = 1000  # forcing periods of a run over the end of a sheet that comes to no orbit
-BELOW, ABOVE = False, True  # the ends of a sheet
-
-
-class Cycle(NamedTuple):
-    """Stretches of sheets that lead to one another over their ends: the spin goes to and fro for good."""
-
-    orbits: list[PeriodicOrbit]
-    periods: float  # forcing periods of one round
-
-
-class SlowFlow:
-    """The sheets of one set of parameters between two spins, and where they lead."""
-
-    def __init__(self, first: PeriodicOrbit, low: float, high: float) -> None:
-        self.sheets: list[Sheet] = []
-        self.standing: list[list[Standing]] = []
-        self.leads: dict[tuple[int, bool], Arrival | str] = {}  # over which end of which sheet
-        waiting = [first]
-        while waiting and len(self.sheets) < MOST_SHEETS:
-            orbit = waiting.pop(0)
-            if self.of(orbit) is None:
-                sheet = sheet_through(orbit, low, high)
-                waiting += self._add(sheet) if sheet.spins.size > 1 else []
-
-    def of(self, orbit: PeriodicOrbit) -> int | None:
-        """The number of the sheet that an orbit is on, if it is known."""
-        return next((k for k, sheet in enumerate(self.sheets) if sheet.holds(orbit)), None)
-
-    def _add(self, sheet: Sheet) -> Iterator[PeriodicOrbit]:
-        """Add a sheet; the orbits of others, as far as its ends lead to any."""
-        number = len(self.sheets)
-        self.sheets.append(sheet)
-        self.standing.append(list(standing(sheet)))
-        for end, sense, why in ((BELOW, -1.0, sheet.low_end), (ABOVE, 1.0, sheet.high_end)):
-            last = sheet.orbits[-end]
-            if not why:
-                continue
-            try:
-                if sense * last.spin_drift > 0:
-                    self.leads[number, end] = found = landing(last)
-                    yield found.orbit
-                else:  # no motion drifts over it, but the family may go on
-                    yield run_onto(last, last.spin + sense * BEYOND * abs(last.spin), np.inf)
-            except OrbitLost:
-                if sense * last.spin_drift > 0:
-                    self.leads[number, end] = last.run(RUN_ON).mode
-
-    def cycles(self) -> list[Cycle]:
-        """Those between the sheets, each once."""
-        found: dict[frozenset[tuple[int, bool]], Cycle] = {}
-        for begin in self.leads:
-            path: list[tuple[int, bool]] = []
-            at: tuple[int, bool] | None = begin
-            while at is not None and at not in path:
-                path.append(at)
-                at = self._next(at)
-            if at is not None:
-                around = path[path.index(at) :]
-                found.setdefault(frozenset(around), self._cycle(around))
-        return list(found.values())
-
-    def _next(self, at: tuple[int, bool]) -> tuple[int, bool] | None:
-        """The end of a sheet over which the spin goes next, after one; None if it comes to stand, or leaves what is known."""
-        led = self.leads.get(at)
-        number = self.of(led.orbit) if isinstance(led, Arrival) else None
-        if not isinstance(led, Arrival) or number is None:
-            return None
-        drift = led.orbit.spin_drift
-        stands = any((one.orbit.spin - led.orbit.spin) * drift > 0 for one in self.standing[number])
-        return None if stands or drift == 0 else (number, drift > 0)
-
-    def _cycle(self, around: list[tuple[int, bool]]) -> Cycle:
-        orbits, periods = [], 0.0
-        for (number, end), before in zip(around, [around[-1], *around[:-1]], strict=True):
-            led = self.leads[before]
-            assert isinstance(led, Arrival)
-            sheet = self.sheets[number]
-            last, spin = float(sheet.spins[-end]), led.orbit.spin
-            orbits += [led.orbit, *(one for one in sheet.orbits if min(spin, last) <= one.spin <= max(spin, last))]
-            periods += led.periods + time_between(sheet, spin, last)
-        return Cycle(orbits, periods)
 
 
 def sustained(
@@ -131,11 +46,12 @@ def sustained(
     Returns
     -------
     xarray.Dataset
-        Along `sustained`, by ascending spin: `kind`, "spin" or "cycle"; `spin_low` and `spin_high`, between which the spin
-        goes to and fro, and `radius_low` and `radius_high` (both alike for a spin); whether it `attracts`; `slow_rate`, of the
-        distance from the spin per forcing period and in units of itself (1 + it is the multiplier of the slow direction), NaN
-        for a cycle; `slow_periods` and `slow_time`, in which that falls or grows by e, or once round a cycle; `spin_error`, by
-        that of the map; and the attributes of a `PeriodicOrbit`, for a cycle those at its least spin.
+        Along `sustained`, by ascending spin: `kind`: "spin"; "end" where the drift leads to an end of a sheet, and back to it
+        from beyond; or "cycle". `spin_low` and `spin_high`, between which the spin goes to and fro, and `radius_low` and
+        `radius_high`, else both alike; whether it `attracts`; `slow_rate`, of what is off the spin, per forcing period and in
+        units of itself (1 + it is the multiplier of the slow direction; -inf at an end, NaN for a cycle); `slow_periods` and
+        `slow_time`, in which that falls or grows by e, or once round a cycle; `spin_error`, by that of the map, or where the
+        drift is found to lead back to an end; and the attributes of a `PeriodicOrbit`, for a cycle those at its least spin.
         Along `sheet`: `sheet_low` and `sheet_high`, least and greatest spin of a stretch of the family, why it ends there
         (empty if it does not), and where it leads: to which spin, or what the run does.
         The attribute `cost` says how many forcing periods of the map it took.
@@ -170,31 +86,20 @@ def sustained(
         first = first_found(partial(begun, at) for at in begins)
     except OrbitError as reason:
         raise OrbitError(f"no sustained spin: {reason}") from None
-    return _dataset(SlowFlow(first, low, high), given, recorder, rtol)
+    flow = SlowFlow(low, high)
+    flow.explore(first)
+    return _dataset(flow, given, recorder, rtol)
 
 
-class Row(NamedTuple):
-    """A row of the result, beside its orbit."""
-
-    kind: str
-    spin_low: float
-    spin_high: float
-    radius_low: float
-    radius_high: float
-    attracts: bool
-    slow_rate: float
-    slow_periods: float
-    slow_time: float
-    spin_error: float
-
-
-MEANINGS: dict[str, Quantity | str] = {
-    "kind": "whether the spin stands still, or goes to and fro on a cycle",
+MEANINGS = {
+    "kind": Quantity(
+        "1", "whether the spin stands still, is held at an end of the family, or goes to and fro on a cycle"
+    ),
     "spin_low": Quantity("rad s-1", "least axial spin after the double impact"),
     "spin_high": Quantity("rad s-1", "greatest axial spin after the double impact"),
     "radius_low": Quantity("m", "least radius"),
     "radius_high": Quantity("m", "greatest radius"),
-    "attracts": "whether the spin of motions nearby comes to it",
+    "attracts": Quantity("1", "whether the spin of motions nearby comes to it"),
     "slow_rate": Quantity("1", "growth per forcing period of what the spin is off, in units of itself"),
     "slow_periods": Quantity("1", "forcing periods in which that changes by a factor of e, or once round the cycle"),
     "slow_time": Quantity("s", "the same as a time"),
@@ -202,25 +107,26 @@ MEANINGS: dict[str, Quantity | str] = {
 }
 
 
-def _rows(flow: SlowFlow, f: float) -> Iterator[tuple[PeriodicOrbit, Row]]:
-    """The orbit and the row of each spin and each cycle; of a cycle the orbit of the least spin."""
-    for one in chain.from_iterable(flow.standing):
+def _rows(flow: SlowFlow, f: float) -> Iterator[tuple[PeriodicOrbit, tuple[Any, ...]]]:
+    """The orbit of each spin and each cycle, of a cycle that of the least spin, and what `MEANINGS` has of it."""
+    for one in (*chain.from_iterable(flow.standing), *flow.held()):
         spin, radius, rate = one.orbit.spin, one.orbit.radius, one.rate
         slow = 1 / abs(rate) if rate else np.inf
-        yield one.orbit, Row("spin", spin, spin, radius, radius, rate < 0, rate, slow, slow / f, one.error)
+        yield one.orbit, (one.kind, spin, spin, radius, radius, rate < 0, rate, slow, slow / f, one.error)
     for cycle in flow.cycles():
-        (low, high), (near, far) = (
-            (min(each), max(each)) for each in zip(*((one.spin, one.radius) for one in cycle.orbits), strict=True)
+        spins, radii = zip(*((one.spin, one.radius) for one in cycle.orbits), strict=True)
+        between = (min(spins), max(spins), min(radii), max(radii))
+        yield (
+            cycle.orbits[spins.index(between[0])],
+            (cycle.kind, *between, True, np.nan, cycle.periods, cycle.periods / f, np.nan),
         )
-        least = min(cycle.orbits, key=lambda one: one.spin)
-        yield least, Row("cycle", low, high, near, far, True, np.nan, cycle.periods, cycle.periods / f, np.nan)
 
 
 def _dataset(flow: SlowFlow, given: dict[str, float], recorder: Recorder, rtol: float) -> xr.Dataset:
     """What was found, as labelled data."""
     found = sorted(_rows(flow, given["f"]), key=lambda one: one[0].spin)
     columns: dict[str, Column] = {
-        name: ([getattr(row, name) for _, row in found], said) for name, said in MEANINGS.items()
+        name: ([row[k] for _, row in found], said) for k, (name, said) in enumerate(MEANINGS.items())
     }
     table = dataset([orbit for orbit, _ in found], "sustained", columns).drop_vars("cost")
     for name, (values, said) in _sheets(flow).items():
@@ -230,8 +136,8 @@ def _dataset(flow: SlowFlow, given: dict[str, float], recorder: Recorder, rtol: 
 
 def _sheets(flow: SlowFlow) -> dict[str, tuple[np.ndarray, Quantity]]:
     def leads(number: int, end: bool) -> str:
-        led = flow.leads.get((number, end), "")
-        return f"spin = {led.orbit.spin:.6g} rad/s" if isinstance(led, Arrival) else led
+        led = flow.lead(number, end) if flow.drifts_over(number, end) else ""
+        return led if isinstance(led, str) else f"spin = {led.orbit.spin:.6g} rad/s"
 
     numbers = range(len(flow.sheets))
     said = "of a stretch of the family"

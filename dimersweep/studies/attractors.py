@@ -20,6 +20,7 @@ from dimersweep.orbits.features import Mirrors, features_of_orbit, mirrors_of
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.orbit import COLUMNS, PeriodicOrbit, multiplier_columns, padded
+from dimersweep.orbits.sustained import MEANINGS
 from dimersweep.parameters import check_level, check_name, value_of
 from dimersweep.runs.solving import run_settings
 from dimersweep.storage.cubefiles import write_cube
@@ -70,6 +71,7 @@ def attractors(
     mirror: bool = True,
     level: float = 0.95,
     confirm: int = 0,
+    slow: bool = False,
     out: str | os.PathLike[str] | None = None,
     force: bool = False,
     workers: int | None = None,
@@ -107,6 +109,9 @@ def attractors(
         Confidence of the intervals, in (0, 1).
     confirm : int
         If above 0, a run of each attractor is made for so many forcing periods: `confirmed` says if it is still there.
+    slow : bool
+        Whether starts are told apart by where their spin comes to in the end, as `orbits.later` says of an infinite time, and
+        not by their family.
     out : path-like, optional
         NetCDF file to write the result to as well, with switches as 0 and 1.
     force : bool
@@ -123,7 +128,8 @@ def attractors(
         and the ends `share_low` and `share_high` of its interval by Wilson's score; the number of a `representative` start
         along `start`; `mode`, `periods` and `word`; whether its `orbit` was found where the run of the representative ends,
         and the numbers of that, NaN without one: `spin`, `radius`, `period`, `zeta`, `speed`, `multipliers_real` and others.
-        `basin` has the attractor of each start.
+        `basin` has the attractor of each start. With `slow` the orbit is that to which the spin comes; `fate`, `spin_low` and
+        `spin_high` are `kind` and spins of `orbits.sustained`; for those that leave the family, `fate` is the mode.
         With `over`, along `change`: which attractor appears or goes, between which values, and the `border` that `orbits` has
         for it on the way. The attribute `cost` is the number of forcing periods of the runs of all starts.
 
@@ -157,7 +163,15 @@ def attractors(
     drawn = make_points(table, fixed)
     _check_one_plate(drawn.fixed, table)
     study = Census(
-        grid=drawn, how=how, starts=columns, over=name, values=values, mirror=mirrored, level=wanted, confirm=longest
+        grid=drawn,
+        how=how,
+        starts=columns,
+        over=name,
+        values=values,
+        mirror=mirrored,
+        level=wanted,
+        confirm=longest,
+        slow=check_switch("slow", slow),
     )
     settle_way(progress=progress)
     data = study.as_cube(in_memory(study, make_options(workers=workers, progress=progress))[0])
@@ -253,6 +267,8 @@ class Census(Study):
         Confidence of the intervals.
     confirm : int
         Forcing periods of a longer run of each attractor; 0 for none.
+    slow : bool
+        Whether starts are told apart by where their spin comes to in the end.
     """
 
     observers: tuple[Observer, ...] = (EndStates(),)
@@ -262,6 +278,7 @@ class Census(Study):
     mirror: bool
     level: float
     confirm: int
+    slow: bool
 
     def as_cube(self, results: np.ndarray) -> xr.Dataset:
         """See `Study`: attractors from value to value, numbered as they appear; those that are known keep their numbers."""
@@ -271,6 +288,7 @@ class Census(Study):
         for k, value in enumerate(self.values.tolist()):
             classifier = self._classifier(k, results)
             found, row = classifier.attractors(), {}
+            found = classifier.by_fate(found) if self.slow else found
             costs = [
                 [distance(old, new, self.over, value, classifier.mirrors) for new in found] for old in known.values()
             ]
@@ -305,7 +323,7 @@ class Census(Study):
         axis, n = self.over or "value", self.size // self.values.size
         over, nothing = (axis, "attractor"), padded(np.zeros(0))
         data = xr.Dataset(coords={"attractor": ("attractor", 1 + np.arange(number), _meaning("its number"))})
-        for name, (meaning, empty, read) in _READ.items():
+        for name, (meaning, empty, read) in (_READ | (_FATE if self.slow else {})).items():
             data[name] = (over, table(empty, read), meaning)
         multipliers = table(nothing, lambda one: nothing if one.orbit is None else padded(one.orbit.multipliers))
         data.update(multiplier_columns((*over, "multiplier"), multipliers))
@@ -382,6 +400,12 @@ _READ: dict[str, tuple[dict[str, Any], Any, Callable[[Attractor], Any]]] = {
         lambda one: one.orbit is not None and one.orbit.stable,
     ),
 } | {name: (COLUMNS[name].attributes(), nan, partial(_of_orbit, name)) for name in OF_AN_ORBIT}
+# with `slow`
+_FATE: dict[str, tuple[dict[str, Any], Any, Callable[[Attractor], Any]]] = {
+    "fate": (_meaning("how the spin stays where it comes to"), "", lambda one: one.fate.kind if one.fate else ""),
+    "spin_low": (MEANINGS["spin_low"].attributes(), nan, lambda one: one.fate.low if one.fate else nan),
+    "spin_high": (MEANINGS["spin_high"].attributes(), nan, lambda one: one.fate.high if one.fate else nan),
+}
 # variables of a change: name, type, unit (that of the parameter, if None), meaning
 _CHANGE = (
     ("changed", np.int64, "1", "number of the attractor that appears or goes"),

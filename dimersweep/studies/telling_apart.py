@@ -11,11 +11,41 @@ from dimersweep.errors import OrbitError
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES
 from dimersweep.orbits.features import ALIKE_WITHIN, Carried, Features, Mirrors, apart, features_from
-from dimersweep.orbits.finding import find
+from dimersweep.orbits.finding import find, orbit_from
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, Recorder
+from dimersweep.orbits.slow_flow import Cycle, SlowFlow, flow_of
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.solving import RunSettings, exactly, run_row
+
+ONE_FATE = 1e-3  # share by which spins and radii of one may differ, or of 1 rad/s
+
+
+class Fate(NamedTuple):
+    """Where the spin comes to in the end.
+
+    Attributes
+    ----------
+    kind : str
+        As of `orbits.sustained`; the mode of a run that has left the family.
+    low, high : float
+        Spins between which it is there [rad/s]; NaN without an orbit.
+    orbit : PeriodicOrbit or None
+        That of the least.
+    """
+
+    kind: str
+    low: float
+    high: float
+    orbit: PeriodicOrbit | None
+
+
+def alike(a: Fate | None, b: Fate | None) -> bool:
+    """Whether two fates are one, or both unknown."""
+    if a is None or b is None:
+        return a is b
+    here, there = ((one.low, one.high, one.orbit.radius if one.orbit else np.nan) for one in (a, b))
+    return a.kind == b.kind and np.allclose(here, there, rtol=ONE_FATE, atol=ONE_FATE, equal_nan=True)
 
 
 class Attractor(NamedTuple):
@@ -33,6 +63,8 @@ class Attractor(NamedTuple):
         What it looks like; none for rest and for motions that do not repeat.
     carried : Carried or None
         Its orbit, with the family; none where no orbit was found.
+    fate : Fate or None
+        Where its spin comes to in the end, if that was asked for and could be told.
     """
 
     mode: str
@@ -40,10 +72,13 @@ class Attractor(NamedTuple):
     representative: int
     features: Features | None = None
     carried: Carried | None = None
+    fate: Fate | None = None
 
     @property
     def orbit(self) -> PeriodicOrbit | None:
-        """The one orbit that was found of it."""
+        """The one orbit that was found of it, or that its spin comes to in the end."""
+        if self.fate is not None:
+            return self.fate.orbit
         return None if self.carried is None else self.carried.orbit
 
     def joined_by(self, other: "Attractor") -> "Attractor":
@@ -128,6 +163,59 @@ class Classifier:
             else:
                 attractors.append(attractor)
         return sorted(attractors, key=lambda one: (-one.members.size, int(one.members[0])))
+
+    def by_fate(self, attractors: Sequence[Attractor]) -> list[Attractor]:
+        """Attractors anew, by where the spin of their starts comes to; those of which that is not known stay as they are."""
+        flows: dict[bool, SlowFlow] = {}
+        found: list[Attractor] = []
+        for attractor in attractors:
+            parts: list[tuple[Fate | None, list[int]]] = []
+            for start in attractor.members.tolist():
+                fate = self._fate(attractor, start, flows)
+                same = (members for known, members in parts if alike(known, fate))
+                members = next(same, None)
+                if members is None:
+                    parts.append((fate, [start]))
+                else:
+                    members.append(start)
+            for fate, members in parts:
+                part = self._of_fate(attractor, fate, members)
+                home = [k for k, one in enumerate(found) if fate is not None and alike(one.fate, fate)]
+                if home:
+                    found[home[0]] = found[home[0]].joined_by(part)
+                else:
+                    found.append(part)
+        return sorted(found, key=lambda one: (-one.members.size, int(one.members[0])))
+
+    def _fate(self, attractor: Attractor, start: int, flows: dict[bool, SlowFlow]) -> Fate | None:
+        """Where the spin of a start comes to; `flows` are those of both senses of the spin."""
+        if attractor.features is None:
+            return Fate(attractor.mode, np.nan, np.nan, None)
+        if attractor.carried is None:
+            return None
+        try:
+            periods = attractor.features.periods
+            orbit = orbit_from(self.parameters(start), self.results["end"][start], periods, self.recorder)
+            if (orbit.spin < 0) not in flows:
+                flows[orbit.spin < 0] = flow_of(orbit)
+            fate = flows[orbit.spin < 0].fate(orbit)
+        except OrbitError:
+            return None
+        if isinstance(fate, str):
+            return Fate(fate, np.nan, np.nan, None)
+        orbits = fate.orbits if isinstance(fate, Cycle) else [fate.orbit]
+        spins = [abs(one.spin) if self.mirrors.plane else one.spin for one in orbits]
+        return Fate(fate.kind, min(spins), max(spins), orbits[int(np.argmin(spins))])
+
+    def _of_fate(self, attractor: Attractor, fate: Fate | None, members: list[int]) -> Attractor:
+        """The starts of an attractor whose spin comes to one end, as one."""
+        first = attractor.representative if attractor.representative in members else members[len(members) // 2]
+        if fate is not None and fate.orbit is None:
+            return Attractor(fate.kind, np.array(members), first, fate=fate)
+        features = attractor.features
+        if features is not None and first != attractor.representative:
+            features = self.features(first, self.results["end"][first], features.periods)
+        return attractor._replace(members=np.array(members), representative=first, features=features, fate=fate)
 
     def _one(self, left: Mapping[int, Features], known: Sequence[Features]) -> Attractor:
         """The attractor of one of the motions that are left, with all of these that show it; `known` are those of others."""
