@@ -1,14 +1,16 @@
-"""Sustained spins and cycles of the spin: against plain runs, which know of neither."""
+"""Sustained spins, cycles of the spin, and motions after any time: against plain runs, which know of none of this."""
 
 import numpy as np
 import pytest
 
-from dimersweep import orbits
+from dimersweep import attractors, orbits
 from dimersweep.errors import OrbitError, ParameterError
 
 # a spin whose slow time is short; a cycle of the spin between two motions; one that lies between the ends of sheets
 CHOSEN = {"r": 4.7e-3, "A_r": 6.82, "f": 14.27, "e": 0.626, "mu": 0.111, "mu_s": 0.133, "Gamma": 0.866}
 TO_AND_FRO = {"r": 4.7e-3, "A_r": 5.55, "f": 18.40, "e": 0.699, "mu": 0.172, "mu_s": 0.276, "Gamma": 0.633}
+# a spin that is held where the motion has no orbit over a part of the spin, with one drift on each side
+HELD = {"r": 2.89e-3, "A_r": 7.64, "f": 36.07, "e": 0.533, "mu": 0.366, "mu_s": 0.482, "Gamma": 1.1}
 
 
 @pytest.fixture(scope="module")
@@ -95,3 +97,78 @@ def test_what_is_no_range_or_has_no_orbit_is_refused():
         orbits.sustained(spin=(100.0, 50.0))
     with pytest.raises(OrbitError, match="no sustained spin"):
         orbits.sustained(spin=(100.0, 150.0), Gamma=0.3)
+
+
+# --------------------------------------------------------------------------------------------------- after any time
+
+
+@pytest.mark.parametrize("begin", [170.0, 240.0, -170.0])
+def test_a_motion_is_where_a_run_is(begin):
+    orbit = orbits.find(spin=begin, **CHOSEN)
+    run = orbit.run(20_000, record=False).orbit
+    later = orbits.later(orbit, periods=20_000)
+    told, known = ([one.spin, one.radius, one.period, one.zeta] for one in (later, run))
+    assert told == pytest.approx(known, rel=1e-5)
+    assert later.mode == "" and later.leaps == ()
+
+
+def test_an_infinite_time_leads_to_the_sustained_spin(chosen):
+    orbit, spin = orbits.find(spin=170.0, **CHOSEN), float(chosen["spin"][1])
+    assert orbits.later(orbit, periods=np.inf).spin == pytest.approx(spin, rel=1e-9)
+    assert orbits.later(orbit, periods=1e9).spin == pytest.approx(spin, rel=1e-9)
+
+
+def test_time_runs_back_as_far_as_the_family_goes():
+    orbit = orbits.find(spin=170.0, **CHOSEN)
+    there = orbits.later(orbit, periods=10_000)
+    back = orbits.later(orbits.find(spin=there.spin, **CHOSEN), periods=-10_000)
+    assert back.spin == pytest.approx(170.0, rel=1e-6)
+    with pytest.raises(ParameterError, match="comes to the end of the family after"):
+        orbits.later(orbits.find(spin=240.0, **CHOSEN), periods=-1e9)
+
+
+@pytest.mark.slow
+def test_a_motion_goes_round_a_cycle_as_a_run_does(cycle):
+    orbit = orbits.find(spin=145.0, **TO_AND_FRO)
+    around = float(cycle["slow_periods"].values[cycle["kind"] == "cycle"][0])
+    leaps = orbits.later(orbit, periods=10.5 * around).leaps
+    assert len(leaps) == 2 and leaps[0].spin[1] == pytest.approx(leaps[0].spin[0], rel=0.01)
+    assert sorted(np.ravel([leap.radius for leap in leaps])) == pytest.approx([4.63, 4.63, 4.96, 5.01], abs=0.01)
+    one, many = (orbits.later(orbit, periods=2000 + rounds * around).spin for rounds in (1, 40))
+    assert one == pytest.approx(many, abs=0.1)
+    for periods in (1000, 3000):
+        assert orbits.later(orbit, periods=periods).spin == pytest.approx(orbit.run(periods).orbit.spin, abs=0.1)
+    with pytest.raises(ParameterError, match="the spin goes to and fro, from 1"):
+        orbits.later(orbit, periods=np.inf)
+
+
+def test_what_cannot_be_followed_is_refused():
+    orbit = orbits.find(spin=170.0, **CHOSEN)
+    with pytest.raises(ParameterError, match="the orbit has its own"):
+        orbits.later(orbit, spin=170.0, periods=10)
+    with pytest.raises(ParameterError, match="periods = nan"):
+        orbits.later(orbit, periods=np.nan)
+    with pytest.raises(ParameterError, match="is an unstable orbit"):
+        orbits.later(orbits.find(spin=100.0, Gamma=1.6), periods=10)
+
+
+@pytest.mark.parametrize("mirror", [True, False])
+def test_starts_are_told_apart_by_where_their_spin_goes(mirror):
+    starts = {"beta0": (0.35, 0.6, 0.5, 0.3, 0.02), "xdot0": (1.1, 1.6, -1.1, 1.3, 1.0)}
+    starts = {name: np.array(column) for name, column in starts.items()}
+    found = attractors(points=starts, fixed=CHOSEN, periods=400, mirror=mirror, slow=True, progress=False)
+    drifts = found.isel(attractor=found["fate"].values == "spin")
+    spins = {True: [216.236], False: [-216.236, 216.236]}[mirror]
+    assert sorted(drifts["spin_low"].values) == pytest.approx(spins, abs=1e-3)
+    assert (drifts["spin_low"] == drifts["spin_high"]).all()
+    assert np.abs(drifts["spin"].values) == pytest.approx(216.236, abs=1e-3)
+
+
+def test_where_the_drift_dies_a_motion_comes_to_rest():
+    """At 229.2 rad/s the family ends in a fold."""
+    dies = {"r": 6.968e-3, "A_r": 4.895, "f": 21.95, "e": 0.7142, "mu": 0.3468, "mu_s": 0.6005, "Gamma": 0.53164}
+    orbit = orbits.find(spin=229.0, **dies)
+    alive, dead = (orbits.later(orbit, periods=periods) for periods in (2000, 5000))
+    assert alive.spin == pytest.approx(orbit.run(2000, record=False).orbit.spin, rel=1e-5) and alive.mode == ""
+    assert dead.mode == orbit.run(5000, record=False).mode == orbits.later(orbit, periods=np.inf).mode == "rest"
+    assert np.isnan(dead.spin)

@@ -46,6 +46,7 @@ ASKED_OF = {  # files of which few questions are asked: parts of their names
     "sequence_curve": ("hop", "stick_slip", "chatter", "curve"),
     "plane_curve": ("curve",),
     "pictures": (),
+    "sheets": ("sustained",),
     "slow_flow": ("sustained",),
     "sustained": ("sustained",),
 }

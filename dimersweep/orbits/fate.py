@@ -124,7 +124,7 @@ def _within_family(stretches: list[Stretch], spin: float, periods: float) -> flo
 
 def _after(orbit: PeriodicOrbit, periods: float) -> Later:
     """The motion some periods after it was on an orbit."""
-    flow = flow_of(orbit)
+    flow = flow_of(orbit, whole=periods < 0)
     if periods < 0:
         sheet = flow.sheets[flow.sheet_of(orbit)]
         return _of_orbit(sheet.at(_within_family(sheet.stretches, orbit.spin, periods)))

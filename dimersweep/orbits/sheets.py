@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.integrate import quad, solve_ivp
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import Akima1DInterpolator, CubicSpline
 from scipy.optimize import brentq
 
 from dimersweep.errors import ParameterError
@@ -30,9 +30,12 @@ SLOW_SPIN = 0.1  # spin below which steps are no shorter, in units of the sectio
 LEAPT = 3.0  # way of a motion over a step, in units of that which the step before leads to expect, beyond which it has leapt
 ROUNDED = 1e-4  # of such a way, in units of the section, that rounding may add
 SLOPE_OVER = (0.05, 0.2, 0.01)  # shares of a step over which the slope of the drift is taken, in the order of trial
+BENT = 0.01  # share of the drift by which a change of sequence may bend its course unseen
 ON_SHEET, NEAR_SHEET = 1e-4, 1e-3  # shares by which numbers of one orbit may differ; from those between its neighbours
 MOST_POINTS = 1000  # of a sheet to either side
 TAKEN_UP = (1e-3, 5e-3, 0.02)  # shares of the spin beyond an orbit at which one is looked for by a run, in this order
+STEEPEST = 0.1  # change of the drift with the spin in a period, beyond which it is no slow one, as at an end
+SWING = 5e-3  # of the greatest value, by which a spline may lie beyond those between which it goes
 OVER_THE_END = 1e-7  # of the greatest spin, by which rounding may lead over an end of a family
 
 
@@ -41,7 +44,7 @@ class Stretch(NamedTuple):
 
     low: float  # least spin [rad/s]
     high: float
-    rate: CubicSpline  # ds/dn per forcing period, over the spin
+    rate: CubicSpline | Akima1DInterpolator  # ds/dn per forcing period, over the spin
 
 
 def stretch_of(points: np.ndarray, periods: int = 1) -> Stretch:
@@ -50,8 +53,19 @@ def stretch_of(points: np.ndarray, periods: int = 1) -> Stretch:
     s(n + 1) = s(n) + d(s(n)) is to second order what the flow ds/dn = d - d d'/2 does in one step.
     """
     spins, drift = points.T
-    slope = CubicSpline(spins, drift).derivative()(spins)
-    return Stretch(float(spins[0]), float(spins[-1]), CubicSpline(spins, drift * (1 - periods * slope / 2)))
+    slope = np.clip(_along(spins, drift).derivative()(spins), -STEEPEST, STEEPEST)
+    rate = _along(spins, drift * (1 - periods * slope / 2))
+    return Stretch(float(spins[0]), float(spins[-1]), rate)
+
+
+def _along(spins: np.ndarray, values: np.ndarray) -> CubicSpline | Akima1DInterpolator:
+    """Values over the spin: a spline, unless it swings, as beside an end, where they bend sharply."""
+    spline = CubicSpline(spins, values)
+    middle = spline(0.5 * (spins[1:] + spins[:-1]))
+    beyond = np.abs(middle - np.clip(middle, np.minimum(values[1:], values[:-1]), np.maximum(values[1:], values[:-1])))
+    if (beyond > SWING * np.abs(values).max()).any():
+        return Akima1DInterpolator(spins, values, method="makima", extrapolate=True)
+    return spline
 
 
 @dataclass
@@ -66,11 +80,20 @@ class Sheet:
     def stretches(self) -> list[Stretch]:
         """From one change of sequence to the next, and over the changes, by ascending spin."""
         points = np.array([(one.spin, one.spin_drift) for one in self.orbits])
-        changes = [k for k, (a, b) in enumerate(pairwise(self.orbits), start=1) if a.sequence != b.sequence]
+        changes = [k for k in range(1, len(self.orbits)) if self._bends(k)]
         parts = np.split(points, changes)
         between = [np.array([a[-1], b[0]]) for a, b in pairwise(parts)]
         found = [one for pair in zip_longest(parts, between) for one in pair if one is not None]
         return [stretch_of(one, self.orbits[0].periods) for one in found if len(one) > 1]
+
+    def _bends(self, k: int) -> bool:
+        """Whether the rate is not smooth between an orbit and the one before: it leaps, or bends with the sequence."""
+        a, b = self.orbits[k - 1 : k + 1]
+        way = b.spin - a.spin
+        if abs(b.spin_drift - a.spin_drift) > STEEPEST * way:
+            return True
+        near = way <= AFTER_CHANGE * max(abs(a.spin), abs(b.spin))
+        return a.sequence != b.sequence and (near or not _foreseen(self.orbits[:k], b))
 
     @cached_property
     def spins(self) -> np.ndarray:
@@ -132,7 +155,7 @@ def _steadily(last: list[PeriodicOrbit], spin: float, over_change: bool) -> Peri
     here, nxt = last[0], step_along(last, spin)
     if not nxt.stable:
         raise OrbitLost("the orbit becomes unstable")
-    if nxt.sequence != here.sequence and not over_change:
+    if nxt.sequence != here.sequence and not (over_change or _foreseen(last[::-1], nxt)):
         raise OrbitLost("the sequence changes")
     if len(last) > 1:
         points = [one.fixed for one in (nxt, here, last[1])]
@@ -168,20 +191,34 @@ def taken_up(end: PeriodicOrbit, sense: float, most: float) -> PeriodicOrbit:
     return first_found(partial(at, share) for share in TAKEN_UP)
 
 
-def sheet_through(orbit: PeriodicOrbit, low: float, high: float) -> Sheet:
-    """The sheet of an orbit between two spins."""
+def _foreseen(before: Sequence[PeriodicOrbit], nxt: PeriodicOrbit) -> bool:
+    """Whether the drift of an orbit is what a line through the two before leads to expect."""
+    if len(before) < 2:
+        return False
+    (a, b), spins = ([one.spin_drift for one in before[-2:]], [one.spin for one in before[-2:]])
+    expected = b + (b - a) * (nxt.spin - spins[1]) / (spins[1] - spins[0])
+    return abs(nxt.spin_drift - expected) <= BENT * abs(b)
+
+
+def sheet_through(orbit: PeriodicOrbit, low: float, high: float, whole: bool) -> Sheet:
+    """The sheet of an orbit between two spins; if not `whole`, the way of its drift up to where the spin stands still."""
     begin = on_family(orbit.fixed.map, orbit.slow_motion)
-    below, low_end = _as_far_as(begin, low)
-    above, high_end = _as_far_as(begin, high)
+    ways = [
+        _as_far_as(begin, to, whole) if whole or (to - begin.spin) * begin.spin_drift > 0 else ([], "")
+        for to in (low, high)
+    ]
+    (below, low_end), (above, high_end) = ways
     return Sheet([*below[::-1], begin, *above], low_end, high_end)
 
 
-def _as_far_as(begin: PeriodicOrbit, to: float) -> tuple[list[PeriodicOrbit], str]:
+def _as_far_as(begin: PeriodicOrbit, to: float, whole: bool) -> tuple[list[PeriodicOrbit], str]:
     """The orbits of a sheet from one on, and why it ends; nothing if it goes on."""
     found: list[PeriodicOrbit] = []
     try:
         for one in onward(begin, to):
             found.append(one)
+            if not whole and one.spin_drift * begin.spin_drift <= 0:
+                break
     except OrbitLost as reason:
         return found, str(reason)
     return found, ""
@@ -249,10 +286,16 @@ class Standing(NamedTuple):
 def standing(sheet: Sheet) -> Iterator[Standing]:
     """The spins of a sheet at which nothing drifts, each located to `LOCATED`."""
     still = SLOW_SPIN * sheet.orbits[0].fixed.map.unit
-    for a, b in pairwise(sheet.orbits):
-        if abs(a.spin) <= LOCATED * still:  # what moves in a plane has no spin, and beside it the drift is odd
-            yield Standing(a, b.spin_drift / b.spin, 0.0)
-        elif abs(b.spin) > LOCATED * still and a.spin_drift * b.spin_drift < 0:
+    # what moves in a plane has no spin, and beside it the drift is odd
+    planes = [k for k, one in enumerate(sheet.orbits) if abs(one.spin) <= LOCATED * still]
+    for k in planes:
+        beside = sheet.orbits[k + 1 if k + 1 < len(sheet.orbits) else k - 1]
+        yield Standing(sheet.orbits[k], beside.spin_drift / beside.spin, 0.0)
+    moving = [
+        one for k, one in enumerate(sheet.orbits) if k in planes or one.spin_drift != 0
+    ]  # one may stand still exactly
+    for a, b in pairwise(moving):
+        if a.spin_drift * b.spin_drift < 0 and min(abs(a.spin), abs(b.spin)) > LOCATED * still:
             try:
                 yield _located(Sheet([a, b], "", ""), LOCATED * max(abs(a.spin), still))
             except OrbitLost:  # the drift changes its sign over spins that have no orbit

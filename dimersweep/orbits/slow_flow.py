@@ -91,10 +91,12 @@ class SlowFlow:
     ----------
     low, high : float
         The spins [rad/s].
+    whole : bool
+        Whether sheets are followed to both of their ends, or on the way of the drift alone, up to where it stands still.
     """
 
-    def __init__(self, low: float, high: float) -> None:
-        self.low, self.high = low, high
+    def __init__(self, low: float, high: float, whole: bool) -> None:
+        self.low, self.high, self.whole = low, high, whole
         self.sheets: list[Sheet] = []
         self.standing: list[list[Standing]] = []  # of each sheet, by ascending spin
         self.leads: dict[tuple[int, bool], Arrival | Standing | str] = {}
@@ -106,20 +108,31 @@ class SlowFlow:
                 return number
         if len(self.sheets) == MOST_SHEETS:
             raise OrbitLost(f"the drift leads over more than {MOST_SHEETS} sheets")
-        sheet = sheet_through(orbit, self.low, self.high)
+        sheet = sheet_through(orbit, self.low, self.high, self.whole)
         if sheet.spins.size < 2:
             raise OrbitLost(f"the family does not go on from spin = {orbit.spin:.6g} rad/s: {sheet.high_end}")
         stands = list(standing(sheet))
         known = {one.spin: one for one in (*sheet.orbits, *(one.orbit for one in stands))}
-        whole = replace(sheet, orbits=[known[spin] for spin in sorted(known)])
+        sheet = replace(sheet, orbits=[known[spin] for spin in sorted(known)])
         for number, part in enumerate(self.sheets):
-            if whole.holds(part.orbits[len(part.orbits) // 2]):  # followed from there it ended sooner
-                self.sheets[number], self.standing[number] = whole, stands
-                self.leads = {key: led for key, led in self.leads.items() if key[0] != number}
-                return number
-        self.sheets.append(whole)
+            if sheet.holds(part.orbits[len(part.orbits) // 2]):  # followed from there it ended sooner
+                return self._grow(number, sheet)
+        self.sheets.append(sheet)
         self.standing.append(stands)
         return len(self.sheets) - 1
+
+    def _grow(self, number: int, longer: Sheet) -> int:
+        """Add to a sheet what a longer one has beyond its ends; returns its number."""
+        part = self.sheets[number]
+        below = [one for one in longer.orbits if one.spin < part.spins[0]]
+        above = [one for one in longer.orbits if one.spin > part.spins[-1]]
+        ends = (longer.low_end if below else part.low_end, longer.high_end if above else part.high_end)
+        self.sheets[number] = Sheet([*below, *part.orbits, *above], *ends)
+        self.standing[number] = list(standing(self.sheets[number]))
+        for end, more in ((BELOW, below), (ABOVE, above)):
+            if more:
+                self.leads.pop((number, end), None)
+        return number
 
     def drifts_over(self, number: int, end: bool) -> bool:
         """Whether a motion drifts over an end of a sheet."""
@@ -217,7 +230,7 @@ class SlowFlow:
         return Cycle(orbits, sum(leg.periods + leg.then.periods for leg in legs if isinstance(leg.then, Arrival)))
 
 
-def flow_of(orbit: PeriodicOrbit) -> SlowFlow:
+def flow_of(orbit: PeriodicOrbit, whole: bool = False) -> SlowFlow:
     """The slow flow of the spins in the sense of that of an orbit, which do not change their sign."""
     most = MOST_TURNS * TURN * orbit.parameters["f"]
-    return SlowFlow(0.0, most) if orbit.spin >= 0 else SlowFlow(-most, 0.0)
+    return SlowFlow(0.0, most, whole) if orbit.spin >= 0 else SlowFlow(-most, 0.0, whole)

@@ -86,7 +86,7 @@ def sustained(
         first = first_found(partial(begun, at) for at in begins)
     except OrbitError as reason:
         raise OrbitError(f"no sustained spin: {reason}") from None
-    flow = SlowFlow(low, high)
+    flow = SlowFlow(low, high, whole=True)
     flow.explore(first)
     return _dataset(flow, given, recorder, rtol)
 

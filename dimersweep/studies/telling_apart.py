@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 from dimersweep.cubes.grid import Grid
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.course import new_workspace
-from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES, SPIN
 from dimersweep.orbits.features import ALIKE_WITHIN, Carried, Features, Mirrors, apart, features_from
 from dimersweep.orbits.finding import find, orbit_from
 from dimersweep.orbits.orbit import PeriodicOrbit
@@ -44,8 +44,10 @@ def alike(a: Fate | None, b: Fate | None) -> bool:
     """Whether two fates are one, or both unknown."""
     if a is None or b is None:
         return a is b
-    here, there = ((one.low, one.high, one.orbit.radius if one.orbit else np.nan) for one in (a, b))
-    return a.kind == b.kind and np.allclose(here, there, rtol=ONE_FATE, atol=ONE_FATE, equal_nan=True)
+    if a.orbit is None or b.orbit is None:
+        return a.kind == b.kind
+    here, there = ((one.low, one.high, orbit.speed, orbit.impact_phase) for one, orbit in ((a, a.orbit), (b, b.orbit)))
+    return a.kind == b.kind and np.allclose(here, there, rtol=ONE_FATE, atol=ONE_FATE)
 
 
 class Attractor(NamedTuple):
@@ -170,7 +172,10 @@ class Classifier:
         found: list[Attractor] = []
         for attractor in attractors:
             parts: list[tuple[Fate | None, list[int]]] = []
-            for start in attractor.members.tolist():
+            spins = np.abs(self.results["end"][:, SPIN])
+            middle = np.median(spins[attractor.members])
+            # those of the most and the least spin first: the ways of all others are parts of theirs
+            for start in sorted(attractor.members.tolist(), key=lambda start: -abs(spins[start] - middle)):
                 fate = self._fate(attractor, start, flows)
                 same = (members for known, members in parts if alike(known, fate))
                 members = next(same, None)
@@ -211,11 +216,11 @@ class Classifier:
         """The starts of an attractor whose spin comes to one end, as one."""
         first = attractor.representative if attractor.representative in members else members[len(members) // 2]
         if fate is not None and fate.orbit is None:
-            return Attractor(fate.kind, np.array(members), first, fate=fate)
+            return Attractor(fate.kind, np.array(sorted(members)), first, fate=fate)
         features = attractor.features
         if features is not None and first != attractor.representative:
             features = self.features(first, self.results["end"][first], features.periods)
-        return attractor._replace(members=np.array(members), representative=first, features=features, fate=fate)
+        return attractor._replace(members=np.array(sorted(members)), representative=first, features=features, fate=fate)
 
     def _one(self, left: Mapping[int, Features], known: Sequence[Features]) -> Attractor:
         """The attractor of one of the motions that are left, with all of these that show it; `known` are those of others."""
