@@ -208,8 +208,8 @@ def check_level(values: Mapping[str, float], wanted: str, instead: str = "") -> 
     ParameterError
     """
     for name in NOT_LEVEL:
-        if values.get(name):
-            raise ParameterError(f"{name} = {values[name]:g}: must be 0 for {wanted}, which leave the heading out{instead}")
+        if value := values.get(name):
+            raise ParameterError(f"{name} = {value:g}: must be 0 for {wanted}, which leave the heading out{instead}")
 
 
 def check_name(name: str) -> None:

@@ -92,11 +92,10 @@ class CentreDrift(NamedTuple):
     per_unit : float
         Its size per radian of `tilt` [m s-1 rad-1], or per unit of `Gamma_x` or `Gamma_y` [m s-1].
     direction : float
-        Its angle from the direction that falls (from X for `Gamma_x`, from Y for `Gamma_y`) in the sense from X to Y [rad];
-        of the mirror image, which has the opposite spin, the opposite one.
+        Its angle from the direction that falls (`Gamma_x`: from X, `Gamma_y`: from Y), in the sense from X to Y [rad].
     holds_to : float
-        Tilt [rad] or intensity [1] up to which the velocity is within 5 % of the first order, and the plate changes the spin by
-        less than 5 % of itself in a round.
+        Tilt [rad] or intensity [1] up to which the velocity at this mean spin is off the first order by less than 5 %, less the
+        share of the spin that the plate takes or gives in a round.
     spin_drift : float
         What the plate that was given adds to the orbit's, to second order [rad s-1 per forcing period].
     """
@@ -154,13 +153,12 @@ def centre_drift(
     swings, begin = Swings(orbit, given), SMALL / given[name]
     begin *= min(1.0, LITTLE / swings.on(begin, most=1)[0])
     _, way, drift = swings.on(begin)
-    most_lost = FIRST_ORDER * abs(orbit.spin) * orbit.periods / (orbit.period * given["f"])
-    low, high = begin, 1 / given[name]
+    low, high, rounds = begin, 1 / given[name], orbit.period * given["f"] / orbit.periods
     while high > HELD * low:
         share, holds = min(4 * low, sqrt(low * high)), False
         with suppress(OrbitLost):
             _, there, lost = swings.on(share)
-            holds = abs(there * begin / share - way) <= FIRST_ORDER * abs(way) and abs(lost) <= most_lost
+            holds = abs(there * begin / share / way - 1) + abs(lost / orbit.spin) * rounds <= FIRST_ORDER
         low, high = (share, high) if holds else (low, share)
     v = way / begin * given["f"] / orbit.periods
     falls = {"tilt": given.get("azimuth", 0.0), "Gamma_x": 0.0, "Gamma_y": pi / 2}[name]
