@@ -1,12 +1,13 @@
 """Whether the centre of a circle moves as ``orbits.centre_drift`` says: ``centre_drifts.py [--dimers N]``.
 
-Of the base case and of random dimers (``tests/checks/dimers.py``; each second one has unlike ends) the velocity of the centre is
-computed, per radian of `tilt` and per unit of `Gamma_x`, and taken from plain runs over a whole turn, from a heading to the same
-heading. There are four of them on each plate, which is turned by quarters: the mean of the four is without what the drift of the
-spin does to a single turn. Each begins so that its mean spin is about that of the orbit, and is compared at its mean spin.
-Printed are how far the runs are off at 1e-4 and 3e-4, the base case at 1e-3, and all at `holds_to`. It ends with 1 if they are
-off by 1 %, or there by 5 %. Dimers are left out that have no stable circle, or for which the first order does not hold to a tilt
-of twice 3e-4: it may be off by more than 1 % there.
+Of the base case and of random dimers (``tests/checks/dimers.py``; each second one has unlike ends) the velocity of the centre
+is computed, per radian of `tilt` and per unit of `Gamma_x`, and taken from plain runs over a whole turn, from a heading to the
+same heading. There are four of them on each plate, which is turned by quarters: the mean of the four is without what the drift
+of the spin does to a single turn. Each begins so that its mean spin is about that of the orbit, and is compared at its mean
+spin. Printed are how far the runs are off at `holds_to`, at 1e-4 and 3e-4, and in the base case at 1e-3. It ends with 1 if they
+are off by 1 %, or at `holds_to` by 5 %; of dimers whose spin changes by more than 5 % in a round on the level plate the latter
+is printed only. Dimers are left out that have no stable circle, or for which the first order does not hold to a tilt of twice
+3e-4: it may be off by more than 1 % there.
 """
 
 import argparse
@@ -84,14 +85,15 @@ def off(orbit, name, size):
 def judged(number, orbit, told):
     """Print what a dimer does on a plate of each kind; whether the runs agree."""
     agrees, rounds = True, rounds_of(orbit)
+    lost = orbit.spin_drift * rounds / orbit.spin
     for name, drift in told.items():
         sizes = [*SIZES, *([1e-3] if number == 0 else [])]
         by, there = [off(orbit, name, size) for size in sizes], off(orbit, name, drift.holds_to)
-        agrees &= all(each < OFF for each in by) and there < OFF_THERE
+        agrees &= all(each < OFF for each in by) and (there < OFF_THERE or abs(lost) > OFF_THERE)
         print(
-            f"{number:3} {orbit.spin:7.2f} {orbit.radius:6.2f} {rounds:6.0f} {orbit.spin_drift * rounds / orbit.spin:8.1e} "
-            f"{name:7} {drift.per_unit:8.4f} {np.degrees(drift.direction):8.2f}  {drift.holds_to:.1e} "
-            f"{drift.spin_drift / 1e-6:8.2g}  {there:.2%}  {' '.join(f'{each:.3%}' for each in by)}",
+            f"{number:3} {orbit.spin:7.2f} {orbit.radius:6.2f} {rounds:6.0f} {lost:8.1e} {name:7} {drift.per_unit:8.4f} "
+            f"{np.degrees(drift.direction):8.2f} {drift.holds_to:8.1e} {drift.spin_drift / 1e-6:8.1e} {there:7.2%} "
+            f"{' '.join(f'{each:.3%}' for each in by)}",
             flush=True,
         )
     return agrees
@@ -104,9 +106,9 @@ def main():
     given = parser.parse_args()
     wrong, number, done = 0, -1, -1
     print(
-        "dimer, spin, R, periods a round, spin drift a round; plate, m/s per unit, degrees, holds_to, spin drift per unit squared;"
+        "dimer, spin, R, periods a round, change of the spin in a round; plate, m/s per unit, degrees, holds_to, spin drift"
     )
-    print(f"off at holds_to; off at {SIZES} (base case: and 1e-3)")
+    print(f"per unit squared; off at holds_to, and at {SIZES} (base case: and 1e-3)")
     while done < given.dimers:
         number += 1
         with suppress(OrbitError):

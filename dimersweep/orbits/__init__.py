@@ -9,7 +9,7 @@ Examples
 """
 
 from dimersweep.orbits.border_grid import border
-from dimersweep.orbits.centre import CentreDrift, centre_drift
+from dimersweep.orbits.centre import centre_drift
 from dimersweep.orbits.edges import Edge, edge
 from dimersweep.orbits.families import family
 from dimersweep.orbits.fate import later
@@ -22,7 +22,6 @@ from dimersweep.orbits.sustained import sustained
 
 __all__ = [
     "BORDER_KINDS",
-    "CentreDrift",
     "Edge",
     "PeriodicOrbit",
     "border",

@@ -22,7 +22,7 @@ from dimersweep.parameters import NOT_LEVEL, Parameters, updated
 from dimersweep.runs.run import Run
 
 HEADINGS = 17  # at which the swing is solved for; an odd number, so that the highest harmonic has a phase
-SMALL, LITTLE = 1e-4, 0.01  # plate and swing of which the first order is taken
+SMALL_PLATE, LITTLE = 1e-4, 0.01  # plate and swing of which the first order is taken
 SWING_KNOWN = 1e-5  # last step to a swing, in units of itself
 FIRST_ORDER, HELD = 0.05, 1.02  # share by which the first order may be off where it holds; ratio to which that is known
 
@@ -150,7 +150,7 @@ def centre_drift(
     orbit = orbit_at(level, None if spin is None else checked_spin(spin, level), guess=guess, rtol=check_rtol(rtol))
     if not orbit.precession_rate:
         raise OrbitError(f"spin = {orbit.spin:g}: the dimer walks straight on, and on no circle")
-    swings, begin = Swings(orbit, given), SMALL / given[name]
+    swings, begin = Swings(orbit, given), SMALL_PLATE / given[name]
     begin *= min(1.0, LITTLE / swings.on(begin, most=1)[0])
     _, way, drift = swings.on(begin)
     low, high, rounds = begin, 1 / given[name], orbit.period * given["f"] / orbit.periods
