@@ -120,7 +120,7 @@ def centre_drift(
     Parameters
     ----------
     spin, guess, rtol
-        Of the orbit on the level plate, as for `find`; a run may be one on the plate that is not level.
+        Of the orbit on the level plate, as for `find`, with the periods of a guess; a run may be one on the plate given.
     **parameters : float
         Of the model, with `tilt`, `Gamma_x` or `Gamma_y`.
 
@@ -147,7 +147,8 @@ def centre_drift(
     name = next((name for name in NOT_LEVEL if given.get(name)), None)
     if name is None:
         raise ParameterError(f"{' = '.join(NOT_LEVEL)} = 0: on a level plate the centre of a circle stays")
-    orbit = orbit_at(level, None if spin is None else checked_spin(spin, level), guess=guess, rtol=check_rtol(rtol))
+    periods = guess.periods if isinstance(guess, PeriodicOrbit) else 1
+    orbit = orbit_at(level, spin if spin is None else checked_spin(spin, level), periods, guess, check_rtol(rtol))
     if not orbit.precession_rate:
         raise OrbitError(f"spin = {orbit.spin:g}: the dimer walks straight on, and on no circle")
     swings, begin = Swings(orbit, given), SMALL_PLATE / given[name]
