@@ -34,6 +34,7 @@ class Rule(NamedTuple):
 
 TINY = nextafter(0.0, 1.0)  # the least number above 0
 ACUTE = nextafter(pi / 2, 0.0)  # the greatest angle below a right one
+NOT_LEVEL = ("tilt", "Gamma_x", "Gamma_y")  # where one of them is not zero, the heading counts
 NO_LESS = ">= {} = {} (stick friction is never below slip friction)"
 RULES = (
     Rule("e", "in [0, 1]", 0, 1),
@@ -199,16 +200,16 @@ def _same(one: Any, other: Any) -> bool:
     return one is other or (one is not None and other is not None and bool(np.all(one == other)))
 
 
-def check_level(values: Mapping[str, float], wanted: str) -> None:
-    """Refuse a plate on which the heading counts, for what leaves the heading out.
+def check_level(values: Mapping[str, float], wanted: str, instead: str = "") -> None:
+    """Refuse a plate on which the heading counts, for what leaves the heading out; `instead` ends the message.
 
     Raises
     ------
     ParameterError
     """
-    for name in ("tilt", "Gamma_x", "Gamma_y"):
-        if values.get(name):
-            raise ParameterError(f"{name} = {values[name]:g}: must be 0 for {wanted}, which leave the heading out")
+    for name in NOT_LEVEL:
+        if value := values.get(name):
+            raise ParameterError(f"{name} = {value:g}: must be 0 for {wanted}, which leave the heading out{instead}")
 
 
 def check_name(name: str) -> None:

@@ -34,6 +34,7 @@ GRAZES: dict[str, Any] = {"A_r": 7.0, "spin": 100.0}
 DIMERS = {"stable_to": (3, 5, 8, 9), "hop": (3, 7), "chatter": (4, 8)}  # numbers of random dimers
 BORDERS = ("fold", "flip", "hop", "stick_slip", "chatter", "curve", "stable")
 ASKED_OF = {  # files of which few questions are asked: parts of their names
+    "centre": ("centre",),
     "edges": ("edge",),
     "families": ("family", "alike"),
     "features": ("alike",),
@@ -169,6 +170,8 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
         "family with ends": family(60.0, 140.0, 9, Gamma=0.78726),
         "family of sections": family(550.0, 572.0, 4, A_r=6.0),
         "edge": edge,
+        "centre on a tilted plate": lambda: list(orbits.centre_drift(tilt=1e-3, spin=100.0)[1:]),
+        "centre on a plate that sways": lambda: list(orbits.centre_drift(Gamma_x=1e-3, spin=100.0)[1:]),
         "sustained spin": sustained(**CHOSEN),
         "sustained between": sustained(spin=(140.0, 160.0), **TO_AND_FRO),
     }

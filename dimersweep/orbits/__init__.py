@@ -9,6 +9,7 @@ Examples
 """
 
 from dimersweep.orbits.border_grid import border
+from dimersweep.orbits.centre import centre_drift
 from dimersweep.orbits.edges import Edge, edge
 from dimersweep.orbits.families import family
 from dimersweep.orbits.fate import later
@@ -25,6 +26,7 @@ __all__ = [
     "PeriodicOrbit",
     "border",
     "border_curve",
+    "centre_drift",
     "edge",
     "family",
     "find",

@@ -212,7 +212,7 @@ def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None
     if guess is not None and not isinstance(guess, Run | PeriodicOrbit):
         raise ParameterError(f"guess = {guess!r}: must be a Run or a PeriodicOrbit")
     given = Parameters(**updated({} if guess is None else guess.parameters, parameters)).given()
-    check_level(given, "orbits")
+    check_level(given, "orbits", "; orbits.centre_drift has what a small one does to a circle")
     return given
 
 
