@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dimersweep import orbits
+from dimersweep import orbits, sweep
 from dimersweep.errors import OrbitError
 
 DIMER = {"A_r": 5.0, "f": 22.0, "e": 0.65, "mu": 0.1, "mu_s": 0.15, "Gamma": 0.9}
@@ -69,3 +69,11 @@ def test_a_fold_over_another_parameter_is_that_of_the_branch(down):
     assert float(curve["Gamma"].values[curve["mu"].values == 0.1][0]) == pytest.approx(fold, abs=1e-7)
     end = orbits.border("stable_from", "Gamma", over={"e": [0.65]}, **of(asked, e=None))
     assert float(end["Gamma"][0]) == pytest.approx(fold, abs=1e-6)
+
+
+def test_a_map_has_the_spin_that_each_point_chooses():
+    grid = {"Gamma": [0.6, 0.9], "mu": [0.1]}
+    cube = sweep(grid, of(DIMER, Gamma=None, mu=None), periods=200, sustained=True, progress=False, workers=2)
+    assert cube["sustained"].values.tolist() == [[0], [2]]
+    told = [float(cube[f"sustained_{name}"][1, 0]) for name in ("spin", "radius", "time")]
+    assert told == pytest.approx([87.1111, 6.39880, 1 / (1.01546e-5 * 22)], rel=1e-5)
