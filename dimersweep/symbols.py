@@ -218,6 +218,12 @@ QUANTITIES = {
     "error_estimate": Quantity(
         "1", "largest relative error of the orbit (of zeta and impact_phase: absolute), estimated", 0
     ),
+    "sustained": Quantity("1", "number of spins at which nothing drifts, that of a plane among them", 0),
+    "sustained_spin": Quantity("rad s-1", "axial spin to which the spin is drawn; the least one of a cycle"),
+    "sustained_radius": Quantity("m", "radius of the circle of that spin"),
+    "sustained_time": Quantity(
+        "s", "time in which what is off that spin falls by a factor of e, or once round a cycle"
+    ),
     # of a search
     "answer": Quantity("1", "answer to the question of the search"),
     "region": Quantity("1", "mode asked for where the answer is yes, else the one mode of all runs"),

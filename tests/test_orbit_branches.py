@@ -282,7 +282,7 @@ def test_a_new_kind_of_border_is_one_object_that_is_registered(orbit, monkeypatc
     ],
 )
 def test_borders_of_known_maps_are_found(kind, formula, begin, known):
-    axis = SimpleNamespace(scale=1.0, map_at=lambda m, value: KnownMap(formula, value))
+    axis = SimpleNamespace(spin=0.0, scale=1.0, map_at=lambda m, value: KnownMap(formula, value))
     at = on_border((BORDER_KINDS | {"tripling": TRIPLING})[kind], axis, KnownMap(formula, begin[-1]), np.array(begin))
     assert at.y[-1] == pytest.approx(known, abs=1e-8)
     if kind == "torus":

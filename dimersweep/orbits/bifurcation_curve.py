@@ -13,10 +13,10 @@ from functools import cached_property, partial
 import numpy as np
 
 from dimersweep.orbits.branch import Axis
-from dimersweep.orbits.curve import REACH, Curve, Found, crossings
+from dimersweep.orbits.curve import REACH, Curve, Found
 from dimersweep.orbits.kinds import Bifurcation, change_of
 from dimersweep.orbits.manifold import eigenvector
-from dimersweep.orbits.newton import TOLERANCE, fixed_at, newton
+from dimersweep.orbits.newton import TOLERANCE, fixed_at, newton, target
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import TURN, OrbitLost, ReturnMap, first_found, singular_lost
 from dimersweep.orbits.specials import Special
@@ -116,7 +116,7 @@ class BorderEquations:
                 raise OrbitLost(f"Newton's method for the {self.kind.name} goes too far")
             return self.value(there)
 
-        root = newton(residual, u, self.derivative, TOLERANCE * self.m.rtol, derivative)
+        root = newton(residual, u, self.derivative, target(self.m, self.axis.spin is None), derivative)
         return OnBorder(root.extra, root.y, self.normal, root.derivative, float(np.abs(root.value[: self.n]).max()))
 
 
@@ -201,7 +201,7 @@ class BifurcationCurve(Curve, of=Bifurcation):
         """
 
         def with_back(back: float) -> Found:
-            m = replace(special.point.map, spin=self.spin, back=back)
+            m = replace(special.point.map, spin=self.axis.spin, back=back)
             return self.at(on_border(self.kind, self.axis, m, special.point.y))
 
         return first_found(partial(with_back, back) for back in BACK)
@@ -211,8 +211,8 @@ class BifurcationCurve(Curve, of=Bifurcation):
         """A point of the border, in a section that suits the next one."""
 
         def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
-            fixed_spin = replace(own, spin=self.spin, back=at.map.back)
-            return on_border(self.kind, self.axis, fixed_spin, np.append(z, at.y[-1]))
+            same_spin = replace(own, spin=self.axis.spin, back=at.map.back)
+            return on_border(self.kind, self.axis, same_spin, np.append(z, at.y[-1]))
 
         plain = replace(at.map, spin=None)
         image = plain.image(at.z)
@@ -221,14 +221,16 @@ class BifurcationCurve(Curve, of=Bifurcation):
             at, plain = moved, replace(moved.map, spin=None)
             image = plain.image(at.z)
         matrix, _ = at.map.jacobian(at.z)
-        fast = np.linalg.eigvals(matrix).astype(complex)
-        fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
         orbit = orbit_of(fixed_at(plain, at.z, image, at.residual))
-        if not fast.size or np.abs(self.kind.away(fast)).min() > KINK:
+        if not self.sustained:
+            fast = np.linalg.eigvals(matrix).astype(complex)
+            fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
+            orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
+        values = self.multipliers(orbit)
+        if not values.size or np.abs(self.kind.away(values)).min() > KINK:
             raise OrbitLost(f"the map has a kink where a {self.kind.name} is looked for")
-        orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
         value = float(at.y[-1] * self.axis.scale)
-        return Found(orbit, value, replace(at, matrix=matrix), loses=self.kind.is_all(fast))
+        return Found(orbit, value, replace(at, matrix=matrix), loses=self.kind.is_all(values))
 
     def system(self, m: ReturnMap, near: Found) -> BorderEquations:
         return BorderEquations(self.kind, self.axis, m, near.begin.normal)
@@ -243,7 +245,7 @@ class BifurcationCurve(Curve, of=Bifurcation):
         return f"{self.kind.name}-{change_of(before, after).name}"
 
     def tests(self, found: Found) -> dict[str, float]:
-        return crossings(self.kind, found.orbit) | ({DOUBLED_FOLD: found.begin.doubling} if self.kind.doubles else {})
+        return super().tests(found) | ({DOUBLED_FOLD: found.begin.doubling} if self.kind.doubles else {})
 
     def is_sure(self, found: Found) -> bool:
         """Where a stable orbit loses its stability."""

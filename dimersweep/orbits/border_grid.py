@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import suppress
+from dataclasses import replace
 from itertools import groupby, product, takewhile
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import KernelError, OrbitError, ParameterError
+from dimersweep.inputs import check_switch
 from dimersweep.orbits import bifurcation_curve, sequence_curve, stability_end  # noqa: F401 - they enter the curves of all kinds
 from dimersweep.orbits.curve import Curve, Found, Place, asked, shortened
 from dimersweep.orbits.finding import RTOL
@@ -175,6 +177,7 @@ def border(
     spin: float | None = None,
     start: PeriodicOrbit | None = None,
     rtol: float = RTOL,
+    sustained: bool = False,
     **fixed: float,
 ) -> xr.Dataset:
     """A border of an orbit in one parameter, as a curve over the values of other ones.
@@ -201,6 +204,9 @@ def border(
         From which the first point is looked for; by default one found between the ball's fold and flip.
     rtol : float
         Accuracy of the map [1].
+    sustained : bool
+        Whether the spin is free, and everywhere one at which nothing drifts, looked for near `spin`. A fold is then where two
+        such spins appear, an end of stability where one ceases to attract or to be.
     **fixed : float
         Parameters of the model.
 
@@ -234,7 +240,8 @@ def border(
     >>> fold["Gamma"].values.round(3).tolist()
     [0.837, 0.787]
     """
-    walk = Walk(asked(kind, parameter, over, spin, rtol, fixed), start)
+    curve = replace(asked(kind, parameter, over, spin, rtol, fixed), sustained=check_switch("sustained", sustained))
+    walk = Walk(curve, start)
     if not walk.found:
         raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.told().values()))}")
     return _dataset(walk)

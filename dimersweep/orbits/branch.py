@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.orbits.continuation import SAME_WAY
-from dimersweep.orbits.manifold import lag
-from dimersweep.orbits.newton import NEWTON_STEPS, TOLERANCE, Fixed, defect, fixed_at, newton, system
+from dimersweep.orbits.manifold import lag, multipliers_of
+from dimersweep.orbits.newton import NEWTON_STEPS, Fixed, defect, fixed_at, newton, solve, system, target
 from dimersweep.orbits.poincare import TURN, Image, OrbitLost, ReturnMap, first_found, singular_lost
 
 NEAR_TURN = 0.05  # part of the parameter in a tangent below which it says nothing of where on a branch one is
@@ -26,7 +26,7 @@ class Axis(NamedTuple):
 
     name: str  # of a parameter, or "spin"
     scale: float  # by which its values are divided
-    spin: float  # axial spin along a branch in a parameter [rad/s]
+    spin: float | None  # axial spin along a branch in a parameter [rad/s]; None where it is free, and nothing drifts
 
     def map_at(self, m: ReturnMap, share: float) -> ReturnMap:
         """The map at a value of the parameter over its scale; lost where the parameter does not allow it."""
@@ -36,8 +36,12 @@ class Axis(NamedTuple):
         """The image of a section point with the parameter over its scale."""
         return self.map_at(m, y[-1]).image(y[:-1])
 
-    def spin_at(self, value: float) -> float:
-        """The axial spin at a value of the quantity [rad/s]."""
+    def taken_up(self, fixed: Fixed) -> Fixed:
+        """A fixed point to begin a branch with; where the spin is free, the one nearby at which nothing drifts."""
+        return solve(fixed.map, fixed.z, None) if self.spin is None else fixed
+
+    def spin_at(self, value: float) -> float | None:
+        """The axial spin at a value of the quantity [rad/s]; None where it is free."""
         return value if self.name == "spin" else self.spin
 
 
@@ -69,10 +73,16 @@ class Point(NamedTuple):
         """The section point with the parameter over its scale."""
         return np.append(self.fixed.z, self.value / self.axis.scale)
 
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Of the fast part; where the spin is free, with that of the slow direction."""
+        fast, slow = multipliers_of(self.fixed)
+        return np.append(fast, slow) if self.axis.spin is None else fast
+
     def matrix(self) -> np.ndarray:
         """Derivative of `defect` by y, shape (n, n + 1)."""
         fixed = self.fixed
-        return np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient), self.slope])
+        return np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient, self.axis.spin is None), self.slope])
 
     def towards(self, along: np.ndarray | float) -> "Point":
         """The point with its tangent in the sense of another one, or of a change of the parameter (1 or -1)."""
@@ -83,10 +93,18 @@ class Point(NamedTuple):
         """The point of the branch on the plane through `y` across `normal`, with its own derivatives."""
         return with_derivatives(lent(self, y, normal))
 
+    def side(self) -> float:
+        """A sign that stays along a branch, through folds and kinks, where the tangent keeps its sense, in one section."""
+        return float(np.linalg.slogdet(np.vstack([self.matrix(), self.tangent]))[0])
+
     def judge(self, to: "Point", step: float) -> None:
-        """Refuse a step over which the branch turns too far."""
+        """Refuse a step over which the branch turns too far; where the spin is free, also one that leaps."""
         if self.tangent @ to.tangent < SAME_WAY:
             raise OrbitLost("the branch turns too sharply")
+        if self.axis.spin is None:
+            back = self.side() != to.side() and self.fixed.image.spin * to.fixed.image.spin > 0
+            if back or np.linalg.norm(to.y - self.y) > step / SAME_WAY:
+                raise OrbitLost("the branch turns back at a kink")
 
     def settled(self, simplest: bool = True) -> "Point":
         """The point in another section, if events have come near its own, or (`simplest`) if simpler contact lasts elsewhere.
@@ -164,7 +182,7 @@ def lent(near: Point, y: np.ndarray, normal: np.ndarray, most: int = NEWTON_STEP
 
     def derivative(there: np.ndarray) -> np.ndarray:
         own = axis.map_at(near.map, there[-1])
-        A = system(own, *own.jacobian(there[:-1]))
+        A = system(own, *own.jacobian(there[:-1]), axis.spin is None)
         return np.vstack([np.column_stack([A, slope_of(axis, own, there[:-1], there[-1])]), normal])
 
     equations = Equations(near, lambda there, *_: normal @ (there - y))
@@ -204,7 +222,7 @@ class Equations:
 
         `derivative`, `known` and `most` are those of `newton`. It is lost if there is none nearby.
         """
-        root = newton(self.value, y, derivative, TOLERANCE * self.near.map.rtol, known, most)
+        root = newton(self.value, y, derivative, target(self.near.map, self.axis.spin is None), known, most)
         return self.point(root.y, root.extra, float(np.abs(root.value[:-1]).max())), root.derivative
 
     def point(self, y: np.ndarray, extra: tuple[ReturnMap, Image], residual: float = 0.0) -> Point:
@@ -223,10 +241,10 @@ def _moved(point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
     )  # what is a fixed point in one section is one that drifts slowly in another
     slope = slope_of(axis, moved, z, point.value / axis.scale)
     near = Point(axis, fixed, point.value, slope, np.zeros(z.size + 1))
-    normal = np.eye(z.size + 1)[-1]
-    if abs(point.tangent[-1]) < NEAR_TURN:
-        normal = np.linalg.svd(near.matrix())[2][-1]
-    return near.on_plane(near.y, normal).towards(_ahead(point, moved, z))
+    turns = abs(point.tangent[-1])
+    normal = np.eye(z.size + 1)[-1] if turns >= NEAR_TURN else np.linalg.svd(near.matrix())[2][-1]
+    sense = _ahead(point, moved, z) if turns < moved.step else point.tangent[-1]
+    return near.on_plane(near.y, normal).towards(sense)
 
 
 def _ahead(point: Point, moved: ReturnMap, z: np.ndarray) -> np.ndarray:

@@ -59,13 +59,6 @@ def shortened(reason: str) -> str:
     return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
 
 
-def crossings(kind: Kind, orbit: PeriodicOrbit) -> dict[str, float]:
-    """Test functions along a border, by the names of the two borders that meet where one changes its sign."""
-    values = kind.others(orbit.multipliers)
-    real = values[np.abs(values.imag) < COMPLEX].real
-    return {f"{kind.name}-{other.name}": other.crossing(real) for other in BORDER_KINDS.values()}
-
-
 @dataclass(eq=False)
 class Curve(ABC):
     """A border of one kind."""
@@ -81,6 +74,7 @@ class Curve(ABC):
     rtol: float  # accuracy of the map
     recorder: Recorder = field(default_factory=Recorder)
     over: dict[str, np.ndarray] = field(default_factory=dict)  # values of the other parameters that are asked for
+    sustained: bool = False  # whether the spin is free, and only begins as given
 
     def __init_subclass__(cls, of: type[Kind]) -> None:
         of.curve = cls
@@ -88,7 +82,12 @@ class Curve(ABC):
     @cached_property
     def axis(self) -> Axis:
         """The parameter as the quantity along branches."""
-        return Axis(self.parameter, abs(value_of(self.parameter, self.given)) or 1.0, self.spin)
+        spin = None if self.sustained else self.spin
+        return Axis(self.parameter, abs(value_of(self.parameter, self.given)) or 1.0, spin)
+
+    def multipliers(self, orbit: PeriodicOrbit) -> np.ndarray:
+        """Of the fast part of an orbit; where the spin is free, with that of the slow direction."""
+        return np.append(orbit.multipliers, orbit.slow_multiplier) if self.sustained else orbit.multipliers
 
     def point(self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None) -> Found:
         """The point of the border at values of the other parameters.
@@ -126,7 +125,8 @@ class Curve(ABC):
         """A table of points along `dim`, with `more` columns."""
         solved = {self.parameter: ([one.value for one in found], PARAMETERS[self.parameter])}
         table = dataset([one.orbit for one in found], dim, solved | dict(more))
-        about = {"kind": self.kind.name, "parameter": self.parameter, "spin": self.spin}
+        spin = "sustained" if self.sustained else self.spin
+        about = {"kind": self.kind.name, "parameter": self.parameter, "spin": spin}
         return table.assign_attrs(about | {"cost": self.recorder.periods})
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
@@ -149,7 +149,9 @@ class Curve(ABC):
 
     def tests(self, found: Found) -> dict[str, float]:
         """Functions that change their sign where the curve meets another border, by the names of both."""
-        raise NotImplementedError
+        values = self.kind.others(self.multipliers(found.orbit))
+        real = values[np.abs(values.imag) < COMPLEX].real
+        return {f"{self.kind.name}-{other.name}": other.crossing(real) for other in BORDER_KINDS.values()}
 
     # --- from one point to the next --------------------------------------------------------------------------------
 
@@ -224,7 +226,7 @@ class Curve(ABC):
     def _ways(self, orbit: PeriodicOrbit) -> list[Point]:
         """The first point of the branch through an orbit, in each sense of the parameter in which the border is looked for."""
         fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=self.recorder))
-        begin = point_of(self.axis, fixed, value_of(self.parameter, orbit.parameters))
+        begin = point_of(self.axis, self.axis.taken_up(fixed), value_of(self.parameter, orbit.parameters))
         return [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
 
     def _starts(
@@ -287,7 +289,7 @@ class Place:
 
     def tests(self) -> dict[str, float]:
         """Functions that change their sign where the curve meets another border, or turns round, by the names of that."""
-        return crossings(self.curve.kind, self.found.orbit)
+        return Curve.tests(self.curve, self.found)
 
     def special(self, b: Self, known: float) -> list[tuple[Self, str]]:
         """Where the curve meets other borders, or turns round, up to another of its points, in their order.

@@ -5,6 +5,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
@@ -17,11 +18,13 @@ from dimersweep.orbits.newton import Fixed, solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Recorder
 from dimersweep.orbits.specials import Special, doubled, specials
+from dimersweep.orbits.stability_end import GAP, beyond_gap, furthest, kind_beyond
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
 BEYOND_SEQUENCE = "word: the orbit does not go on beyond its sequence; the next one found has the sequence"
 FORMER_WORDS = "words of orbits.follow is sequences now; the former name goes with the next release"
+MIRRORED = "plane: the spin is zero; beyond lies the mirror image of the branch"
 LEAST_SCALE = 1e-3  # of a parameter, where it and its target are both near zero
 
 
@@ -43,6 +46,7 @@ def follow(
     switch: bool = False,
     sequences: bool = True,
     words: bool | None = None,
+    sustained: bool = False,
 ) -> xr.Dataset:
     """The branch of an orbit in a parameter or the spin, by pseudo-arclength steps, through folds.
 
@@ -62,6 +66,8 @@ def follow(
         Whether changes of the symbol sequence are located.
     words : bool, optional
         Former name of `sequences`.
+    sustained : bool
+        Whether the spin is free, and is all along the branch one at which nothing drifts; the first is found from the orbit.
 
     Returns
     -------
@@ -85,7 +91,7 @@ def follow(
     if words is not None:
         warnings.warn(FORMER_WORDS, DeprecationWarning, stacklevel=2)
         sequences = words
-    rows, end, cost = traced(orbit, parameter, to, check_count("points", points), switch, sequences)
+    rows, end, cost = traced(orbit, parameter, to, check_count("points", points), switch, sequences, sustained)
     kinds = [row.kind for row in rows]
     special = [("word" if kind.of_sequence else kind.name) if kind else "" for kind in kinds]
     columns: dict[str, Column] = {
@@ -115,20 +121,29 @@ def traced(
     points: int = 200,
     switch: bool = False,
     sequences: bool = True,
+    sustained: bool = False,
 ) -> Trace:
     """The points of a branch; see `follow`."""
-    axis, start, to = _axis(orbit, parameter, to)
+    axis, start, to = _axis(orbit, parameter, to, sustained)
     edges = {
         to / axis.scale: (to, "to: the value asked for is reached"),
         start / axis.scale: (start, "back: the branch has turned round to its start"),
     }
     rows, end, recorder = [BranchRow(orbit, start)], "", Recorder()
+    fixed = axis.taken_up(orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=recorder)))
     try:
-        fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=recorder))
         point = _begin(axis, fixed, start).towards(to - start)
         rows, taken = [_row(point)], steps(point, FOLLOWING, tuple(edges))
         while not end and sum(row.kind is None for row in rows) < points:
-            a, b, edge = next(taken)
+            try:
+                a, b, edge = next(taken)
+            except OrbitLost:
+                if not sustained:
+                    raise
+                point, end = _over_kink(point, *sorted((start, to)))
+                rows.append(_row(point))
+                taken = steps(point, FOLLOWING, tuple(edges))
+                continue
             found, leap = specials(a, b, sequences)
             flip = next((k for k, special in enumerate(found) if switch and special.kind is FLIP), None)
             rows += [_row(special.point, special) for special in found[: None if flip is None else flip + 1]]
@@ -137,6 +152,9 @@ def traced(
             elif flip is not None:
                 point, switch = doubled(found[flip].point), False
                 taken = steps(point, FOLLOWING, tuple(edges))
+            elif sustained and a.fixed.image.spin * b.fixed.image.spin < 0:
+                end = MIRRORED
+                continue
             elif edge is not None:
                 value, end = edges[edge]
                 point = b._replace(value=value)
@@ -148,7 +166,7 @@ def traced(
     return Trace(rows, end or f"points: {points} points were asked for", recorder.periods)
 
 
-def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str) -> tuple[Axis, float, float]:
+def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool) -> tuple[Axis, float, float]:
     """The quantity that changes along the branch, its value at the orbit, and where it ends."""
     if not isinstance(orbit, PeriodicOrbit):
         raise ParameterError(f"orbit = {orbit!r}: must be a PeriodicOrbit")
@@ -157,9 +175,25 @@ def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str) -> tuple[Axis, 
         check_effect({parameter, *orbit.parameters})
     to = number("to", to, "rad s-1" if parameter == "spin" else PARAMETERS[parameter].units)
     value = orbit.spin if parameter == "spin" else value_of(parameter, orbit.parameters)
+    if sustained and parameter == "spin":
+        raise ParameterError("parameter = 'spin': is free on a branch of sustained spins")
     if to == value:
         raise ParameterError(f"to = {to}: must differ from the value {parameter} has")
-    return Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), orbit.spin), value, to
+    spin = None if sustained else orbit.spin
+    return Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), spin), value, to
+
+
+def _over_kink(point: Point, low: float, high: float) -> tuple[Point, str]:
+    """A sustained spin beyond a kink of the drift, by steps of the parameter in its range; or the last one, and how it ends."""
+    sense = float(np.sign(point.tangent[-1]))
+    last, goes_on = furthest(lambda other: low <= other.value <= high, point, sense)
+    if goes_on:
+        return last, ""
+    if min(abs(last.value - low), abs(last.value - high)) < LEAST_SCALE * GAP * last.axis.scale:
+        return last, "to: the value asked for is nearly reached"
+    given = last._replace(axis=last.axis._replace(spin=last.fixed.image.spin))
+    drifts = beyond_gap(lambda _: True, given, sense) is not None
+    return last, f"{kind_beyond(last).name}: {'the drift leaps over zero' if drifts else 'the family ends'}"
 
 
 def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:

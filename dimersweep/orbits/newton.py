@@ -24,18 +24,25 @@ class Fixed(NamedTuple):
     residual: float  # in units of the section
 
 
-def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float) -> np.ndarray:
-    """How far the fast part fails to close; in the place of the spin, how far the spin is from `spin` [rad/s]."""
+def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float | None) -> np.ndarray:
+    """How far the fast part fails to close; in the place of the spin, how far it is from `spin` [rad/s], or closes if None."""
     r = image.point - z
-    r[m.slow] = (image.spin - spin) / m.unit
+    if spin is not None:
+        r[m.slow] = (image.spin - spin) / m.unit
     return r
 
 
-def system(m: ReturnMap, matrix: np.ndarray, gradient: np.ndarray) -> np.ndarray:
-    """Derivative of `defect`."""
+def system(m: ReturnMap, matrix: np.ndarray, gradient: np.ndarray, free: bool = False) -> np.ndarray:
+    """Derivative of `defect` at a given spin, or where it is `free`."""
     A = matrix - np.eye(len(matrix))
-    A[m.slow] = gradient
+    if not free:
+        A[m.slow] = gradient
     return A
+
+
+def target(m: ReturnMap, free: bool) -> float:
+    """Largest entry of `defect` that counts as none: less where the spin is free, which drifts so little."""
+    return m.rtol / TOLERANCE if free else TOLERANCE * m.rtol
 
 
 class Root(NamedTuple):
@@ -124,8 +131,10 @@ def fixed_at(m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: 
     return Fixed(m, z, image, matrix, gradient, residual)
 
 
-def solve(m: ReturnMap, z: np.ndarray, spin: float, known: np.ndarray | None = None) -> Fixed:
+def solve(m: ReturnMap, z: np.ndarray, spin: float | None, known: np.ndarray | None = None) -> Fixed:
     """The fixed point near a point, at a spin after the last impact of a period [rad/s]; lost if the steps do not come to one.
+
+    Without a spin, that at which nothing drifts.
 
     A `known` derivative of `defect` nearby is what the steps begin with.
     """
@@ -134,5 +143,6 @@ def solve(m: ReturnMap, z: np.ndarray, spin: float, known: np.ndarray | None = N
         image = m.image(z)
         return defect(m, z, image, spin), image
 
-    root = newton(value, z, lambda z: system(m, *m.jacobian(z)), TOLERANCE * m.rtol, known)
+    free = spin is None
+    root = newton(value, z, lambda z: system(m, *m.jacobian(z), free), target(m, free), known)
     return fixed_at(m, root.y, root.extra, float(np.abs(root.value).max()))

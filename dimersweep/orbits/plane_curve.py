@@ -12,13 +12,13 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.inputs import check_count, number
+from dimersweep.inputs import check_count, check_switch, number
 from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.continuation import FOLLOWING, SAME_WAY, steps
 from dimersweep.orbits.curve import Curve, Found, Place, asked
 from dimersweep.orbits.finding import RTOL
 from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.newton import TOLERANCE, newton
+from dimersweep.orbits.newton import newton, target
 from dimersweep.orbits.orbit import Column, PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, singular_lost
 from dimersweep.parameters import check_name
@@ -70,7 +70,7 @@ class InPlane(Place):
             return np.vstack([self._derivative(there), normal])
 
         known = None if self.slope is None else np.vstack([self.slope, normal])
-        root = newton(value, y, derivative, TOLERANCE * self.curve.rtol, known)
+        root = newton(value, y, derivative, target(self.near.begin.map, self.curve.sustained), known)
         found = self.curve.made(root.y[:-1], root.extra, self.near)
         return replace(self, found=found, y=root.y)._tangential(self.tangent)
 
@@ -130,6 +130,7 @@ def border_curve(
     start: PeriodicOrbit | None = None,
     points: int = 200,
     rtol: float = RTOL,
+    sustained: bool = False,
     **fixed: float,
 ) -> xr.Dataset:
     """A border as a curve in the plane of two parameters, which may turn round in either.
@@ -150,6 +151,8 @@ def border_curve(
         Points to either side at most, special ones aside.
     rtol : float
         Accuracy of the map [1].
+    sustained : bool
+        Whether the spin is free, as in `border`.
     **fixed : float
         Parameters of the model.
 
@@ -190,6 +193,7 @@ def border_curve(
         raise ParameterError(f"span = ({low:g}, {high:g}): the first must be below the second")
     middle = 0.5 * (low + high)
     curve = asked(kind, parameter, {other: [middle, low, high]}, spin, rtol, fixed)
+    curve = replace(curve, sustained=check_switch("sustained", sustained))
     points = check_count("points", points)
     try:
         found = curve.point({}, [], start)

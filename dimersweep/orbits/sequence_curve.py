@@ -303,7 +303,7 @@ class SequenceCurve(Curve, of=Change):
                 m = replace(near.map, parameters=aside | {self.parameter: near.value})
                 image = m.image(y[:-1])
                 moved = mark(m, image) - mark(near.map, near.fixed.image)
-                fails = np.append(defect(m, y[:-1], image, self.spin), moved)
+                fails = np.append(defect(m, y[:-1], image, self.axis.spin), moved)
                 if np.abs(fails).max() < REACH:
                     return y - np.linalg.solve(known, fails / part), known
         return y, known
@@ -327,7 +327,7 @@ class SequenceCurve(Curve, of=Change):
     @singular_lost()
     def tests(self, found: Found) -> dict[str, float]:
         fixed, name = found.begin.fixed, self.kind.name
-        fold = float(np.linalg.det(system(fixed.map, fixed.matrix, fixed.gradient)))
+        fold = float(np.linalg.det(system(fixed.map, fixed.matrix, fixed.gradient, self.sustained)))
         return {f"{name}-fold": fold, f"{name}-flip": FLIP.test(found.begin)}
 
     # --- from a neighbour ------------------------------------------------------------------------------------------

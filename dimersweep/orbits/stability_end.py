@@ -6,7 +6,7 @@ That is a fold, a flip or a torus, or a change of sequence over which multiplier
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from itertools import islice
-from typing import ClassVar, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from dimersweep.orbits.continuation import SEARCHING, Between, halved, steps
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import orbit_at, settled_on
 from dimersweep.orbits.kinds import ANY_CHANGE, BORDER_KINDS, Kind, StabilityEnd, change_of
-from dimersweep.orbits.manifold import multipliers_of
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import TURN, OrbitLost
@@ -30,8 +29,8 @@ Holds = Callable[[Point], bool]  # a property of an orbit
 
 
 def is_stable(point: Point) -> bool:
-    """Whether all multipliers of the fast part at a point of a branch are below 1 in size."""
-    return bool((np.abs(multipliers_of(point.fixed)[0]) < 1).all())
+    """Whether the multipliers at a point of a branch are below 1 in size."""
+    return bool((np.abs(point.multipliers) < 1).all())
 
 
 def stability_end(begin: Point) -> Special:
@@ -45,10 +44,10 @@ def stability_end(begin: Point) -> Special:
         if not is_stable(point):
             raise OrbitLost("the orbit is unstable")
         last, beyond = _followed(is_stable, point)
-        special = Special(_kind_beyond(last), last, 1.0) if beyond is None else _in_step(last, beyond)
+        special = Special(kind_beyond(last), last, 1.0) if beyond is None else _in_step(last, beyond)
         if special.kind.rows:
             return special
-        last, goes_on = _furthest(is_stable, special.point, sense)
+        last, goes_on = furthest(is_stable, special.point, sense)
         if not goes_on:
             axis = last.axis
             try:  # the end of what the parameter may be is no end of stability
@@ -57,7 +56,7 @@ def stability_end(begin: Point) -> Special:
                 raise OrbitLost(
                     f"the orbit is stable up to {axis.name} = {last.value:.6g}, the end of its range"
                 ) from reason
-            return special if last is special.point else special._replace(kind=_kind_beyond(last), point=last)
+            return special if last is special.point else special._replace(kind=kind_beyond(last), point=last)
         point = last
     raise OrbitLost("no end of stability is met")
 
@@ -71,7 +70,7 @@ def last_that(holds: Holds, begin: Point) -> Point:
     if not goes_on:
         raise OrbitLost("the first orbit is another one")
     for _ in range(MOST_CHANGES):
-        point, goes_on = _furthest(holds, _followed(holds, point)[0], float(np.sign(begin.tangent[-1])))
+        point, goes_on = furthest(holds, _followed(holds, point)[0], float(np.sign(begin.tangent[-1])))
         if not goes_on:
             return point
     raise OrbitLost("no end is met")
@@ -95,7 +94,7 @@ def _followed(holds: Holds, begin: Point) -> tuple[Point, Point | None]:
     raise OrbitLost(f"the orbit is stable over {SEARCHING.tries} points of its branch")
 
 
-def _furthest(holds: Holds, point: Point, sense: float) -> tuple[Point, bool]:
+def furthest(holds: Holds, point: Point, sense: float) -> tuple[Point, bool]:
     """The last orbit with a property in steps of the parameter, and whether such an orbit goes on beyond.
 
     Each step is taken in a section that suits the orbit: an event that comes to the section is not the end of the orbit.
@@ -120,7 +119,7 @@ def across(holds: Holds, point: Point, sense: float) -> tuple[Point, Point]:
     Both are the same one where an orbit with that sequence goes on. It is lost if there is none beyond.
     """
     sequence = point.sequence
-    last, goes_on = _furthest(lambda orbit: orbit.sequence == sequence, point, sense)
+    last, goes_on = furthest(lambda orbit: orbit.sequence == sequence, point, sense)
     if goes_on:
         return last, last
     beyond = beyond_gap(holds, last, sense)
@@ -173,7 +172,7 @@ def _in_step(a: Point, b: Point) -> Special:
     at = Between(a, b)
     for kind in BORDER_KINDS.values():
         special = located(kind, at)
-        if special is not None and kind.is_all(multipliers_of(special.point.fixed)[0]):
+        if special is not None and kind.is_all(special.point.multipliers):
             return special
     shares = halved(lambda share: is_stable(at[share]), 0.0, 1.0, NARROW_STRETCH / at.length)
     low, high = (at[share] for share in shares)
@@ -193,7 +192,7 @@ def _is_stable_on_own_side(beyond: Point) -> bool:
     return False
 
 
-def _kind_beyond(last: Point) -> Kind:
+def kind_beyond(last: Point) -> Kind:
     """The kind of change where a branch does not go on, from images of points beyond, which are no orbits."""
     sequence = last.fixed.image.passage.whole_sequence
     for by in np.geomspace(FIRST_PUSH, GAP, 4):
@@ -213,7 +212,8 @@ class StabilityCurve(Curve, of=StabilityEnd):
         self, given: dict[str, float], start: PeriodicOrbit | None, reasons: list[str]
     ) -> Iterator[PeriodicOrbit]:
         """Each point is found by itself, so that a start is carried there first."""
-        start = None if start is None else orbit_at(given, self.spin, guess=start, rtol=self.rtol)
+        if start is not None:
+            start = orbit_at(given, start.spin if self.sustained else self.spin, guess=start, rtol=self.rtol)
         return super()._starts(given, start, reasons)
 
     def _lacking(self, stable: bool, reasons: list[str]) -> str:
@@ -228,7 +228,8 @@ class StabilityCurve(Curve, of=StabilityEnd):
         """The point of the end, with the spin put back where it is a bifurcation, as on curves of those."""
         at = special.point
         if special.kind.rows:
-            own = special.kind.curve(special.kind, self.parameter, self.given, self.spin, self.rtol, self.recorder)
+            same: Any = (self.parameter, self.given, self.spin, self.rtol, self.recorder, {}, self.sustained)
+            own = special.kind.curve(special.kind, *same)
             with suppress(OrbitLost):
                 return own.taken_up(special)
         return Found(orbit_of(at.fixed), at.value, at)

@@ -44,6 +44,7 @@ class SweepSection(SweepFileSection):
     certify: bool = False
     strobes: int = 0
     carry: Literal["up", "down", "both"] | None = None
+    sustained: bool = False
     output: Annotated[str, AfterValidator(partial(check_ending, name="sweep.output"))]
 
 
@@ -129,7 +130,7 @@ class Declaration(SweepFileSection):
             if self.refine or self.paths:
                 raise ParameterError("search: is missing; refine and paths go with a search")
             given |= {"stop_when_settled": self.sweep.stop_when_settled, "certify": certify}
-            given |= {"strobes": self.sweep.strobes, "carry": carry}
+            given |= {"strobes": self.sweep.strobes, "carry": carry, "sustained": self.sweep.sustained}
             points = None if self.points is None else point_table(**self.points.model_dump())
             return sweep.study_of(self.grid, self.fixed, points=points, **given)
         if self.points or self.grid is None:
@@ -137,6 +138,7 @@ class Declaration(SweepFileSection):
         whole = "is for sweeps of a whole grid"
         for given_too, told in (
             (self.sweep.strobes, f"sweep.strobes = {self.sweep.strobes}: {whole}"),
+            (self.sweep.sustained, f"sweep.sustained = true: {whole}"),
             (carry, f"carry = {carry!r}: {whole}; a search starts each run by itself"),
             (certify, f"certify: {whole}; a search does not take it"),
             (
@@ -375,7 +377,7 @@ def _declared(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os
         given |= {name: configuration[name] for name in ("refine", "paths") if name in configuration}
     else:
         sweep["stop_when_settled"] = configuration["stop_when_settled"]
-        sweep |= {name: configuration[name] for name in ("certify", "strobes") if name in configuration}
+        sweep |= {name: configuration[name] for name in ("certify", "strobes", "sustained") if name in configuration}
         given["grid"], sweep["carry"] = without_directions(configuration.get("grid"))
         given |= {"points": {"columns": configuration["points"]}} if "points" in configuration else {}
     return Declaration.model_validate(given | {"sweep": sweep})

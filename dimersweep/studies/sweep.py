@@ -3,15 +3,17 @@
 from collections.abc import Mapping
 from typing import Any, Literal, Unpack
 
+import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.grid import Grid, make_grid, make_points
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_switch
+from dimersweep.parameters import check_level
 from dimersweep.runs.solving import run_settings
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.studies.making import make_cube
-from dimersweep.studies.observers import Certify, Observer, strobes_of
+from dimersweep.studies.observers import Certify, Observer, Sustained, strobes_of
 from dimersweep.studies.study import Study
 from dimersweep.work.options import Given
 
@@ -24,6 +26,7 @@ def study_of(
     certify: bool = False,
     strobes: int = 0,
     carry: str | None = None,
+    sustained: bool = False,
     **how: Any,
 ) -> Study:
     """Check a sweep and lay it out, see `sweep`; `how` is what `run_settings` takes.
@@ -41,7 +44,11 @@ def study_of(
     sure: tuple[Observer, ...] = (Certify(),) if check_switch("certify", certify) else ()
     if carry is not None and sure:
         raise ParameterError("certify: is for points that start by themselves, and goes without carry")
-    return Study(grid=grid, how=run_settings(**how), observers=(*sure, *strobes_of(strobes, grid.size)))
+    still = (Sustained(),) if check_switch("sustained", sustained) else ()
+    if still:
+        most = {name: float(np.abs(values).max()) for name, values in (grid.columns or grid.axes).items()}
+        check_level(grid.fixed | most, "sustained spins")
+    return Study(grid=grid, how=run_settings(**how), observers=(*sure, *strobes_of(strobes, grid.size), *still))
 
 
 def sweep(
@@ -56,6 +63,7 @@ def sweep(
     certify: bool = False,
     strobes: int = 0,
     carry: Literal["up", "down", "both"] | None = None,
+    sustained: bool = False,
     **options: Unpack[Given],
 ) -> xr.Dataset:
     """Run the dimer at every point of a grid, or at points of a table.
@@ -99,6 +107,8 @@ def sweep(
         least, or once each way: a run starts from the state, relative to the plate, that the run before it has ended in. The
         first run of a line starts as its parameters say. The cube then has the dimension `direction`, and `loops` finds
         where the two part and meet. Lines run in parallel, each of them in one piece.
+    sustained : bool
+        Whether the sustained spins of each point are counted, and the circle that it chooses is told (`orbits.sustained`).
     force : bool
         Whether `out` may replace an existing file, and results of another configuration be deleted.
     attrs : mapping, optional
@@ -145,7 +155,9 @@ def sweep(
     """
     how: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
     how["stop_when_settled"] = stop_when_settled
-    study = study_of(grid, fixed, points=points, certify=certify, strobes=strobes, carry=carry, **how)
+    study = study_of(
+        grid, fixed, points=points, certify=certify, strobes=strobes, carry=carry, sustained=sustained, **how
+    )
     return make_cube(study, **options)
 
 
