@@ -30,7 +30,7 @@ SLOW_SPIN = 0.1  # spin below which steps are no shorter, in units of the sectio
 LEAPT = 3.0  # way of a motion over a step, in units of that which the step before leads to expect, beyond which it has leapt
 ROUNDED = 1e-4  # of such a way, in units of the section, that rounding may add
 SLOPE_OVER = (0.05, 0.2, 0.01)  # shares of a step over which the slope of the drift is taken, in the order of trial
-BENT = 0.01  # share of the drift by which a change of sequence may bend its course unseen
+UNSEEN_BEND = 0.01  # share of the drift by which a change of sequence may bend its course unseen
 ON_SHEET, NEAR_SHEET = 1e-4, 1e-3  # shares by which numbers of one orbit may differ; from those between its neighbours
 MOST_POINTS = 1000  # of a sheet to either side
 TAKEN_UP = (1e-3, 5e-3, 0.02)  # shares of the spin beyond an orbit at which one is looked for by a run, in this order
@@ -197,7 +197,7 @@ def _foreseen(before: Sequence[PeriodicOrbit], nxt: PeriodicOrbit) -> bool:
         return False
     (a, b), spins = ([one.spin_drift for one in before[-2:]], [one.spin for one in before[-2:]])
     expected = b + (b - a) * (nxt.spin - spins[1]) / (spins[1] - spins[0])
-    return abs(nxt.spin_drift - expected) <= BENT * abs(b)
+    return abs(nxt.spin_drift - expected) <= UNSEEN_BEND * abs(b)
 
 
 def sheet_through(orbit: PeriodicOrbit, low: float, high: float, whole: bool) -> Sheet:
@@ -288,12 +288,11 @@ def standing(sheet: Sheet) -> Iterator[Standing]:
     still = SLOW_SPIN * sheet.orbits[0].fixed.map.unit
     # what moves in a plane has no spin, and beside it the drift is odd
     planes = [k for k, one in enumerate(sheet.orbits) if abs(one.spin) <= LOCATED * still]
-    for k in planes:
-        beside = sheet.orbits[k + 1 if k + 1 < len(sheet.orbits) else k - 1]
-        yield Standing(sheet.orbits[k], beside.spin_drift / beside.spin, 0.0)
-    moving = [
-        one for k, one in enumerate(sheet.orbits) if k in planes or one.spin_drift != 0
-    ]  # one may stand still exactly
+    if 0 < len(planes) < len(sheet.orbits):
+        beside = sheet.orbits[planes[-1] + 1 if planes[-1] + 1 < len(sheet.orbits) else planes[0] - 1]
+        yield Standing(sheet.orbits[planes[0]], beside.spin_drift / beside.spin, 0.0)
+    # one may stand still exactly, and then its neighbours tell
+    moving = [one for k, one in enumerate(sheet.orbits) if k in planes or one.spin_drift != 0]
     for a, b in pairwise(moving):
         if a.spin_drift * b.spin_drift < 0 and min(abs(a.spin), abs(b.spin)) > LOCATED * still:
             try:
