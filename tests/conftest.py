@@ -66,7 +66,7 @@ def small_cubes(tmp_path_factory):
     return folder
 
 
-LONG = {"test_cli", "test_datasets", "test_pictures", "test_reuse", "test_zarrs"}  # files of many tests, a minute in all
+LONG = {"test_cli", "test_datasets", "test_pictures", "test_reuse", "test_zarrs"}  # a minute, of many tests
 
 
 def pytest_collection_modifyitems(items):
