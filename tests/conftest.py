@@ -11,10 +11,9 @@ import pytest
 from hypothesis import settings
 
 from dimersweep import cli
+from tests.checks.small_cubes import make_small_cubes
 from tests.fakes import fake_run_many
 from tests.seams import rows_made, use_kernel
-
-ROOT = Path(__file__).parents[1]
 
 settings.register_profile("unhurried", deadline=None)  # a machine may be busy
 settings.load_profile("unhurried")
@@ -62,18 +61,17 @@ def small_cubes(tmp_path_factory):
     """The folder of the cubes of all small presets."""
     if os.environ.get("DIMERSWEEP_CUBES"):
         return Path(os.environ["DIMERSWEEP_CUBES"])
-    from dimersweep import make
-    from dimersweep.studies.declared import read_declaration
-
     folder = tmp_path_factory.mktemp("cubes")
-    for preset in sorted((ROOT / "sweeps").glob("*-small.toml")):
-        make(read_declaration(preset), folder / f"{preset.stem}.nc", progress=False)
+    make_small_cubes(folder)
     return folder
 
 
+LONG = {"test_cli", "test_datasets", "test_pictures", "test_reuse", "test_zarrs"}  # a minute, of many tests
+
+
 def pytest_collection_modifyitems(items):
-    """Begin with the files that hold a slow test, so that no process is left alone with one at the end."""
-    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    """Begin with the files that hold a slow test or are long, so that no process is left alone with one at the end."""
+    slow = {item.path for item in items if item.get_closest_marker("slow") or item.path.stem in LONG}
     items.sort(key=lambda item: item.path not in slow)
 
 

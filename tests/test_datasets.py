@@ -30,12 +30,6 @@ def test_every_declaration_is_allowed_and_has_a_small_preset(path):
     assert list(small.grid) == list(declared.grid)
 
 
-def make_small(name, folder):
-    declared = read_declaration(SWEEPS / f"{name}.toml")
-    out = folder / f"{name}.nc"
-    return make(declared, out, periods=declared.sweep.periods, rtol=declared.sweep.rtol, progress=False), out
-
-
 @pytest.mark.jit
 @pytest.mark.parametrize("name", SMALL)
 def test_a_small_preset_gives_a_cube_that_others_read(name, small_cubes, tmp_path):
@@ -68,8 +62,8 @@ def test_a_cube_carries_what_makes_it_again(name, tmp_path):
 
 
 @pytest.mark.jit
-def test_paths_are_those_of_the_orbits(tmp_path):
-    cube, _ = make_small("fig13-small", tmp_path)
+def test_paths_are_those_of_the_orbits(small_cubes):
+    cube = open_cube(small_cubes / "fig13-small.nc")
     for place in range(cube.sizes["xdot0"]):
         x, y = (cube[name].values[place] for name in ("x", "y"))
         radius = circle_through(x[200:], y[200:])[2]

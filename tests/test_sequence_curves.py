@@ -1,5 +1,7 @@
 """Curves along which the sequence changes, against orbits found on both sides of them."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -25,10 +27,10 @@ CURVES = {
 }
 
 
-@pytest.fixture(scope="module", params=CURVES)
-def curve(request):
-    fixed, e, _ = CURVES[request.param]
-    return orbits.border(request.param, "Gamma", over={"e": e}, spin=100.0, **fixed)
+@cache
+def curve_of(kind):
+    fixed, e, _ = CURVES[kind]
+    return orbits.border(kind, "Gamma", over={"e": e}, spin=100.0, **fixed)
 
 
 def found(curve, point, by):
@@ -42,9 +44,10 @@ def found(curve, point, by):
         return None
 
 
-def test_orbits_found_beside_it_have_the_sequences_that_it_tells(curve):
+@pytest.mark.parametrize("kind", CURVES)
+def test_orbits_found_beside_it_have_the_sequences_that_it_tells(kind):
     """Where the orbit leaps there may be none beyond for a little way."""
-    kind = curve.attrs["kind"]
+    curve = curve_of(kind)
     assert np.isfinite(curve["Gamma"]).all()
     for k in range(curve.sizes["e"]):
         point = curve.isel(e=k)
@@ -60,10 +63,10 @@ def test_orbits_found_beside_it_have_the_sequences_that_it_tells(curve):
             )
 
 
-@pytest.mark.parametrize("curve", [kind for kind in CURVES if kind != "chatter"], indirect=True)
-def test_its_multipliers_are_those_of_orbits_on_its_side(curve):
+@pytest.mark.parametrize("kind", [kind for kind in CURVES if kind != "chatter"])
+def test_its_multipliers_are_those_of_orbits_on_its_side(kind):
     """Across the border the map has a kink or leaps; near that of chatter there is another one."""
-    kind, compared = curve.attrs["kind"], 0
+    curve, compared = curve_of(kind), 0
     for k in range(curve.sizes["e"]):
         point = curve.isel(e=k)
         beside = [found(curve, point, by) for by in (-2e-4, 2e-4)]
@@ -79,12 +82,15 @@ def test_its_multipliers_are_those_of_orbits_on_its_side(curve):
 
 
 def test_a_curve_is_smooth_where_its_change_is_the_same():
-    fixed, e, _ = CURVES["chatter"]
-    values = orbits.border("chatter", "Gamma", over={"e": e}, spin=100.0, **fixed)["Gamma"].values
-    assert np.abs(np.diff(values, 3)).max() < 2e-4
+    assert np.abs(np.diff(curve_of("chatter")["Gamma"].values, 3)).max() < 2e-4
 
 
 SHORT = {"r": 3e-3, "A_r": 26 / 6, "mu": 0.3, "f": 30.0}
+
+
+@cache
+def hop(*e, **fixed):
+    return orbits.border("hop", "Gamma", over={"e": list(e)}, spin=100.0, **fixed)
 
 
 @pytest.mark.parametrize("scene", [{}, SHORT], ids=["base case", "a short dimer"])
@@ -93,8 +99,7 @@ def test_a_border_of_a_bouncing_motion_is_the_same_over_any_grid_and_says_that_t
 
     All of them lie beyond where an end last comes to rest, which is the point that is told.
     """
-    alone = orbits.border("hop", "Gamma", over={"e": [0.7]}, spin=100.0, **scene)
-    along = orbits.border("hop", "Gamma", over={"e": [0.65, 0.7]}, spin=100.0, **scene)
+    alone, along = hop(0.7, **scene), hop(0.65, 0.7, **scene)
     assert float(alone["Gamma"][0]) == pytest.approx(float(along["Gamma"][1]), abs=1e-9)
     assert str(along["status"][0].values) == "ok"
     for one in (alone["status"][0], along["status"][1]):
@@ -116,9 +121,9 @@ ORDERS = {
 @pytest.mark.parametrize("scene", ORDERS)
 def test_a_border_is_the_same_alone_and_in_any_list_in_any_order(scene):
     fixed, values, lists = ORDERS[scene]
-    alone = {e: orbits.border("hop", "Gamma", over={"e": [e]}, spin=100.0, **fixed).isel(e=0) for e in values}
+    alone = {e: hop(e, **fixed).isel(e=0) for e in values}
     for order in lists:
-        told = orbits.border("hop", "Gamma", over={"e": order}, spin=100.0, **fixed)
+        told = hop(*order, **fixed)
         for e in set(order) & set(alone):
             row = told.isel(e=order.index(e))
             assert float(row["Gamma"]) == pytest.approx(float(alone[e]["Gamma"]), abs=1e-6)
@@ -129,9 +134,9 @@ def test_a_border_is_the_same_alone_and_in_any_list_in_any_order(scene):
 
 def test_three_hops_of_one_motion_are_numbered():
     """The hop of p1 passes its line, falls below it again, and leaps across it where its first bounce grazes the plate."""
-    hop = orbits.border("hop", "Gamma", over={"e": [0.49]}, spin=100.0).isel(e=0)
-    assert str(hop["status"].values) == "one of 3" and float(hop["Gamma"]) in hop["several"].values
-    orbit, at, sequences = orbits.find(spin=100.0, e=0.49, Gamma=1.32), hop["several"].values, []
+    told = hop(0.49).isel(e=0)
+    assert str(told["status"].values) == "one of 3" and float(told["Gamma"]) in told["several"].values
+    orbit, at, sequences = orbits.find(spin=100.0, e=0.49, Gamma=1.32), told["several"].values, []
     for Gamma in (1.345, at[0] - 1e-5, at[0] + 1e-5, at[1] - 1e-5, at[1] + 1e-5, at[2] - 1e-5, at[2] + 1e-5):
         orbit = orbits.find(guess=orbit, Gamma=float(Gamma))
         sequences.append("far.1" in orbit.sequence)
@@ -188,7 +193,7 @@ def test_the_sides_of_a_change_are_told_by_pairs_where_counts_are_equal():
 
 def test_an_event_that_comes_to_the_section_of_a_branch_is_not_where_its_motion_comes_to_no_rest():
     """At e = 0.72 p1 no longer sticks at the section of the branch from Gamma = 1.1919 on, but still comes to rest."""
-    Gamma = float(orbits.border("hop", "Gamma", over={"e": [0.72]}, spin=100.0, **SHORT)["Gamma"][0])
+    Gamma = float(hop(0.72, **SHORT)["Gamma"][0])
     inside = orbits.find(Gamma=1.21, e=0.72, spin=100.0, **SHORT)
     for by, at_rest in ((-1e-3, True), (-1e-4, True), (2e-3, False)):
         assert rests(orbits.find(guess=inside, Gamma=Gamma + by).sequence) == at_rest

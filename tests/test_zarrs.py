@@ -30,7 +30,7 @@ def in_an_empty_folder(tmp_path, monkeypatch, fake_kernel):
     set_chunks(monkeypatch, 8)
 
 
-def sweep(grid=GRID, **settings):
+def sweep(grid=SMALL, **settings):
     return dimersweep.sweep(grid, **({"periods": 5, "progress": False, "out": "cube.zarr"} | settings))
 
 
@@ -47,7 +47,7 @@ def test_blocks_are_chunks_and_follow_each_other(shape):
 
 
 def test_it_is_the_cube_in_memory():
-    cube, reference = sweep(), sweep(out=None)
+    cube, reference = sweep(GRID), sweep(GRID, out=None)
     assert cube["radius"].chunks is not None
     xr.testing.assert_equal(cube, reference)
     for name, variable in reference.variables.items():
@@ -85,7 +85,7 @@ def test_a_changed_byte_is_found_wherever_it_is_read(name):
     ):
         sweep()
     with pytest.raises(StoreError, match=rf"^cube.zarr: {told}$"):
-        dimersweep.sweep(GRID | {"f": [15, 30]}, periods=5, progress=False, extend="cube.zarr", out="wide.zarr")
+        dimersweep.sweep(SMALL | {"f": [15, 30]}, periods=5, progress=False, extend="cube.zarr", out="wide.zarr")
     assert os.listdir() == ["cube.zarr"]
     sweep(force=True)
     sweep()
@@ -99,7 +99,7 @@ def test_a_status_of_damaged_modes_is_one_line():
 
 
 def test_a_chunk_that_is_missing_is_found():
-    whole, found = sweep(SMALL).load(), 0
+    whole, found = sweep().load(), 0
     files = [path for path in Path("cube.zarr").rglob("*") if path.is_file() and path.name != "zarr.json"]
     assert len({path.relative_to("cube.zarr").parts[0] for path in files}) > 30
     for path in files[::17]:
@@ -127,8 +127,8 @@ def test_the_whole_is_never_in_memory(monkeypatch):
     monkeypatch.setattr(TileStore, "read", watched)
     monkeypatch.setattr("dimersweep.cubes.grid.MAX_POINTS", 20)
     with pytest.raises(ParameterError, match=r"^grid: 66 points; one cube in memory may hold 20 \(an output that ends"):
-        sweep(out="cube.nc")
-    sweep()
+        sweep(GRID, out="cube.nc")
+    sweep(GRID)
     assert sum(lengths) == 66 and max(lengths) <= 8
 
 
@@ -143,8 +143,8 @@ def test_a_finished_one_is_returned_and_another_one_refused(monkeypatch):
 def test_force_replaces_it_and_an_extension_reads_it():
     sweep()
     assert sweep(periods=6, force=True)["n_periods"].values.max() == 6
-    wider = dimersweep.sweep(GRID | {"f": [15, 30]}, periods=6, progress=False, extend="cube.zarr", out="wide.zarr")
-    xr.testing.assert_equal(wider, dimersweep.sweep(GRID | {"f": [15, 30]}, periods=6, progress=False))
+    wider = dimersweep.sweep(SMALL | {"f": [15, 30]}, periods=6, progress=False, extend="cube.zarr", out="wide.zarr")
+    xr.testing.assert_equal(wider, dimersweep.sweep(SMALL | {"f": [15, 30]}, periods=6, progress=False))
 
 
 NOT_THAT = r"^cube.zarr: is not the cube that was opened any more \(it was replaced, moved or deleted\); open it again$"
@@ -152,17 +152,17 @@ NOT_THAT = r"^cube.zarr: is not the cube that was opened any more \(it was repla
 
 def test_a_cube_in_hand_is_that_of_its_file_or_says_so():
     """Values are read when they are used, and never those of another file, nor missing ones in place of those that are gone."""
-    former, names = sweep(SMALL), ["radius", "n_events", "mode", "e", "eta"]
+    former, names = sweep(), ["radius", "n_events", "mode", "e", "eta"]
     held = former[names].compute()
     lazy = [each for name in names for each in (former[name], former[name].max())] + [former["mode"].isel(f=[0, 2])]
     uses = [each.compute for each in lazy]
     uses += [former.dimersweep.plot, former.dimersweep.__repr__, lambda: former.dimersweep.run(f=15, beta0="5 deg")]
     uses += [lambda: former.to_netcdf("copy.nc"), lambda: dimersweep.simulate(start=former.isel(f=0, beta0=0))]
-    other = sweep(SMALL, periods=6, force=True)
+    other = sweep(periods=6, force=True)
     for use in uses:
         with pytest.raises(StoreError, match=NOT_THAT):
             use()
-    xr.testing.assert_equal(held, sweep(SMALL, out=None)[names])
+    xr.testing.assert_equal(held, sweep(out=None)[names])
     os.rename("cube.zarr", "moved.zarr")
     for name in names:
         with pytest.raises(StoreError, match=NOT_THAT):
@@ -173,7 +173,7 @@ def test_a_cube_in_hand_is_that_of_its_file_or_says_so():
 
 
 def test_a_chunk_that_goes_while_a_cube_is_in_hand_is_found():
-    cube = sweep(SMALL)
+    cube = sweep()
     shutil.rmtree("cube.zarr/radius/c/2")
     cube["radius"].isel(f=0).compute()
     for part in ({"f": 2}, {"f": [0, 2]}, {"f": slice(None, None, -2)}, {}):
@@ -186,7 +186,7 @@ def test_a_chunk_that_goes_while_a_cube_is_in_hand_is_found():
 @pytest.mark.filterwarnings("ignore:Consolidated metadata")
 def test_a_copy_that_xarray_made_is_a_cube():
     """xarray writes no chunks of missing values, or zeros, alone: the checksum of all values tells that none is lost."""
-    cube = sweep(SMALL)
+    cube = sweep()
     cube.to_zarr("copy.zarr", consolidated=False)
     cube.load().to_zarr("loaded.zarr")
     for path in ("copy.zarr", "loaded.zarr"):
@@ -195,7 +195,7 @@ def test_a_copy_that_xarray_made_is_a_cube():
         assert status(Path(path))[1:] == status(Path("cube.zarr"))[1:]
     wider = sweep(SMALL | {"f": [15, 30]}, extend="copy.zarr", out=None)
     assert wider.isel(f=0, drop=True).equals(cube.isel(f=0, drop=True))
-    sweep(SMALL, out="copy.zarr")  # is complete already
+    sweep(out="copy.zarr")  # is complete already
     files = [path for path in Path("copy.zarr").rglob("*") if path.is_file() and path.name != "zarr.json"]
     for path in files[::60]:
         written = path.read_bytes()
@@ -207,7 +207,7 @@ def test_a_copy_that_xarray_made_is_a_cube():
 
 
 def test_a_part_that_xarray_wrote_says_how_to_write_it():
-    part = sweep(SMALL).isel(beta0=slice(0, 4))
+    part = sweep().isel(beta0=slice(0, 4))
     part.to_zarr("part.zarr", consolidated=False)
     told = r"^part.zarr: is a part of a cube, of which \w+ lacks \d+ chunks: lost, or not written as they hold nothing; write"
     with pytest.raises(StoreError, match=told):

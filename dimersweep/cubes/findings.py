@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from contourpy import contour_generator
-from scipy.interpolate import CubicSpline
 
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.grid import DIRECTIONS
@@ -405,6 +404,8 @@ def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
 
 def _bottom(x: np.ndarray, y: np.ndarray, left: float = -np.inf, right: float = np.inf) -> tuple[float, float]:
     """The lowest point between `left` and `right` of the spline through `y` at `x`, and its height."""
+    from scipy.interpolate import CubicSpline
+
     spline = CubicSpline(x, y)
     flat = spline.derivative().roots(extrapolate=False)
     places = np.concatenate([flat, x])

@@ -3,6 +3,7 @@
 Without a file, it answers each line that it is given by the time of a forcing period.
 """
 
+import gc
 import sys
 from time import thread_time
 
@@ -49,6 +50,7 @@ def period_time(periods=1000):
 
 if __name__ == "__main__":
     if sys.argv[1:]:
+        gc.disable()  # a compiler leaves little garbage, and looking for it takes a while
         codes, states = answers()
         np.savez(sys.argv[1], codes=codes, states=states, way=way())
     for _ in sys.stdin if not sys.argv[1:] else ():

@@ -7,7 +7,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import dask.array
 import numpy as np
 import xarray as xr
 
@@ -106,6 +105,7 @@ def write_zarr(
 
 def _template(grid: Grid, small: xr.Dataset) -> xr.Dataset:
     """The cube of `grid` with lazy variables, like that of one point, so that only types, chunks and attributes are written."""
+    import dask.array
     from zarr.codecs import ZstdCodec
 
     chunks = chunk_shape(grid.shape)
@@ -186,6 +186,8 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
     StoreError
         If it is none, or damaged.
     """
+    import dask.array
+
     check_zarr()
     description = _description_of(path)
     try:  # format 2 may name filters that run code
