@@ -181,9 +181,7 @@ def single_rates(dm, mode, p, rod, pull):
     mu, w = slip_mu(p, length(rod.u_a, rod.u_b)), delassus(dm, lv, lv)
     F, A, L, compliance = single_forces(dm, mu, mode, w, rod.u_a, rod.u_b, n, a, b)
     push, roll, spun = dm.it * (lv.n * F + lv.a * A), lv.b * dm.it * L, lv.c * dm.ia * L
-    d_a, d_b = 0.0, 0.0
-    if mode == SLIP:
-        d_a, d_b = a + w.an * F + w.aa * A, b + w.bb * L
+    d_a, d_b = (a + w.an * F + w.aa * A, b + w.bb * L) if mode == SLIP else (0.0, 0.0)
     return Single(d_wb + push, d_wp + roll, spun, d_a, d_b, rod.w_p / rod.cos_b, F, A, L, compliance)
 
 
