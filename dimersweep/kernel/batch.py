@@ -81,7 +81,8 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
         outcome, code = out[k, :N_OUT].view(OUTCOME_TYPE)[0], codes[k, :N_CODES].view(CODES_TYPE)[0]
         set_dimer(rows[k], dm)
         begin_run(dm, rows[k], starts, k, run)
-        run_to_verdict(dm, asked_on(dm, ask), run, record, outcome, code)
+        path = ask.path or dm.sideways != 0.0  # where the heading counts, the verdict on the track takes it
+        run_to_verdict(dm, Ask(ask.periods, ask.rtol, ask.close, ask.settle, path), run, record, outcome, code)
         status = OK
         if code.mode == M_UNRESOLVED and ask.periods >= EVIDENCE:
             twin = motion_of(space.twin_state, space.twin_modes, space.later_past, space)
@@ -98,12 +99,6 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
         if until >> code.mode & 1:
             return k + 1
     return rows.shape[0]
-
-
-@compiled
-def asked_on(dm, ask):
-    """What is asked of a run on this plate: its path, too, where the heading counts, for the verdict on its track."""
-    return Ask(ask.periods, ask.rtol, ask.close, ask.settle, ask.path or dm.sideways != 0.0)
 
 
 @compiled

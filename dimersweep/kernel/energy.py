@@ -28,12 +28,6 @@ def new_book(rows: int) -> Book:
 
 
 @compiled
-def is_wanted(book):
-    """Whether works are wanted."""
-    return book.ends.shape[0] > 0
-
-
-@compiled
 def begin_phase(y, work):
     """No works yet in the contact phase that is followed on."""
     flows = work.step[0].flows

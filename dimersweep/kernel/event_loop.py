@@ -9,7 +9,7 @@ from dimersweep.kernel.contact import events
 from dimersweep.kernel.contact.contact_mode import INCONSISTENT
 from dimersweep.kernel.contact.events import NO_EVENT
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, begin_course, contact_of
-from dimersweep.kernel.energy import is_wanted, keep_phase, keep_struck
+from dimersweep.kernel.energy import keep_phase, keep_struck
 from dimersweep.kernel.impact.impact import double_impact, single_impact
 from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.body import attitude, contact_velocity, kinetic, lift
@@ -64,7 +64,7 @@ def evolve(dm, ask, motion, record):
     begin_course(motion.course[0], coded(motion.modes[0], motion.modes[1]), layout.C_START, record.counts[EVENT_COUNT])
     set_bound(motion.meter, BUDGET + BUDGET_PER_PERIOD * ask.periods)
     tally = motion.work.course[0].tally
-    tally.wanted = is_wanted(record.book)
+    tally.wanted = record.book.ends.shape[0] > 0
     while going_on(ask, motion):
         if approaches(motion.state) and not resolve_impact(dm, ask, motion, record):
             break

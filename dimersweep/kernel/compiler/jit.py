@@ -12,7 +12,7 @@ from typing import Any
 
 import numba
 from numba import types
-from numba.extending import lower_cast, typeof_impl
+from numba.extending import lower_builtin, lower_cast, typeof_impl
 
 from dimersweep.kernel.compiler.cache import kept
 from dimersweep.kernel.compiler.versions import code_version
@@ -109,6 +109,12 @@ def _as_plain(context: Any, builder: Any, nested: Any, array: Any, value: Any) -
     return value
 
 
+@lower_builtin("__array__", types.Array)
+def _as_it_is(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+    """An array is one as it is: unless that is said, Numba looks through all that it knows at each access."""
+    return given[0]
+
+
 def _plain_type(kind: Any) -> Any:
     if isinstance(kind, types.NestedArray):
         return types.Array(kind.dtype, kind.ndim, "C")
@@ -117,16 +123,16 @@ def _plain_type(kind: Any) -> Any:
 
 def _without_literals(function: Any) -> Any:
     """Have constants in calls typed as plain numbers, and arrays within records as plain arrays: else each of them compiles
-    the function once more.
+    the function once more. A call is typed once.
     """
     typed = getattr(function, "get_call_template", None)
     if typed is None:  # Numba has changed
         return function
 
-    def get_call_template(args: Any, kws: Any) -> Any:
-        return typed(tuple(_plain_type(a) for a in args), {k: _plain_type(v) for k, v in kws.items()})
-
-    function.get_call_template = get_call_template
+    once = functools.cache(lambda *args, **kws: typed(args, kws))
+    function.get_call_template = lambda args, kws: once(
+        *map(_plain_type, args), **{k: _plain_type(v) for k, v in kws.items()}
+    )
     return function
 
 

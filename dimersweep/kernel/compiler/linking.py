@@ -106,6 +106,9 @@ def _codegen() -> Any:
     return _KernelCodegen("dimersweep")
 
 
+_size = cache(lambda kind: kind.get_abi_size(_codegen().target_data))  # of a type: LLVM parses a module to tell it
+
+
 def _type_once(function: Any, context: Any, args: Any, kws: Any) -> Any:
     """Signature of an operation for types of arguments: Numba looks through all that it knows every time."""
     key = function, context, tuple(args), tuple(kws.items())
@@ -142,7 +145,8 @@ class KernelCompiler(CompilerBase):
         return [passes]
 
     def compile_extra(self, func: Any) -> Any:
-        self.state.targetctx._internal_codegen = _codegen()  # of a copy for this function only
+        context = self.state.targetctx  # a copy for this function only
+        context._internal_codegen, context.get_abi_sizeof = _codegen(), _size
         with _in_a_hurry():
             return super().compile_extra(func)
 

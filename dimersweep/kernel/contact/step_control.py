@@ -233,7 +233,7 @@ def explicit_contact_step(step):
     """One DOP853 step from the start into `out`; returns the error over the tolerance."""
     p, b, y = step.p, step.p.b, step.p.b.start.y
     charge(p.meter, EXPLICIT_COST)
-    copy(b.start.dy, b.K[0], p.n)
+    copy(b.start.dy, b.K[0], coordinates.N_WORKED)  # a number that is known compiles to no call
     rescale(step, y, b.start.F, b.K[0])
     if y[Y.chart] == UPRIGHT or (p.modes[0] != FREE and p.modes[1] != FREE):
         return explicit_step(slopes_of_any, step, step.h, y, b.K, p.n, b.scale, b.out.y)
@@ -305,31 +305,31 @@ def newton_iteration(h, n, m, b):
 
     Only the turning of the slips is stiff: the other derivatives are left out, and what the turns change is carried over.
     """
-    y, probe = b.start.y, b.probe.y
+    y, probe, nodes, K, B, change, scale = b.start.y, b.probe.y, b.nodes, b.K, b.B, b.change, b.scale
     for j in range(NODES):
-        u_a, u_b, w_p = y[Y.u_a] - b.nodes[j, Y.u_a], y[Y.u_b] - b.nodes[j, Y.u_b], y[Y.w_p] - b.nodes[j, Y.w_p]
+        u_a, u_b, w_p = y[Y.u_a] - nodes[j, Y.u_a], y[Y.u_b] - nodes[j, Y.u_b], y[Y.w_p] - nodes[j, Y.w_p]
         for k in range(NODES):
-            a, slope = h * RADAU_A[j, k], b.K[k]
+            a, slope = h * RADAU_A[j, k], K[k]
             u_a += a * slope[Y.u_a]
             u_b += a * slope[Y.u_b]
             w_p += a * slope[Y.w_p]
         for i in range(j * m, j * m + m):
-            b.change[i] = b.B[i, 0] * u_a + b.B[i, 1] * u_b + b.B[i, 2] * w_p
-    lu_solve(b.LU, NODES * m, b.pivots, b.change)
+            change[i] = B[i, 0] * u_a + B[i, 1] * u_b + B[i, 2] * w_p
+    lu_solve(b.LU, NODES * m, b.pivots, change)
     for j in range(NODES):
         for i in range(j * m, j * m + m):
             for k in range(n):
-                b.K[j, k] += b.J[i, k] * b.change[i]
+                K[j, k] += b.J[i, k] * change[i]
     largest = 0.0
     for j in range(NODES):
         copy(y, probe, n)
         for i in range(NODES):
             a = h * RADAU_A[j, i]
             for k in range(n):
-                probe[k] += a * b.K[i, k]
+                probe[k] += a * K[i, k]
         for k in range(N_CLOSED):
-            largest = max(largest, abs(probe[k] - b.nodes[j, k]) / b.scale[k])
-        copy(probe, b.nodes[j], n)
+            largest = max(largest, abs(probe[k] - nodes[j, k]) / scale[k])
+        copy(probe, nodes[j], n)
     return largest
 
 

@@ -131,7 +131,7 @@ def friction(dm, modes, f_1, f_2, a, b_1, b_2):
 
 @compiled(fuse=True, inline=True)
 def rates_in_clock(dm, modes, gains, clock, z):
-    """Rates of the state z (numbers or an array) of a double impact by (7), in a clock; gains are 1 or 1/e^2.
+    """Rates of the state z (seven numbers) of a double impact by (7), in a clock; gains are 1 or 1/e^2.
 
     dtau/dsigma multiplies the forces, which are known before the frictions.
     """
@@ -154,7 +154,8 @@ def rates_in_clock(dm, modes, gains, clock, z):
 @compiled(inline=True)
 def impact_rates(dm, modes, gains, clock, z, out):
     """Rates of the state z of a double impact in the given clock, into `out`: see `rates_in_clock`."""
-    out[ZN1], out[ZN2], out[ZX1], out[ZX2], out[ZA], out[ZB1], out[ZB2] = rates_in_clock(dm, modes, gains, clock, z)
+    state = z[ZN1], z[ZN2], z[ZX1], z[ZX2], z[ZA], z[ZB1], z[ZB2]
+    out[ZN1], out[ZN2], out[ZX1], out[ZX2], out[ZA], out[ZB1], out[ZB2] = rates_in_clock(dm, modes, gains, clock, state)
 
 
 @compiled
