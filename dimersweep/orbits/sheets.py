@@ -110,14 +110,18 @@ class Sheet:
         """Whether an orbit is one of the sheet."""
         if not self.spins[0] <= orbit.spin <= self.spins[-1] or orbit.periods != self.orbits[0].periods:
             return False
-        told, columns = [orbit.impact_phase, orbit.speed], [(one.impact_phase, one.speed) for one in self.orbits]
         try:
-            there = self.at(orbit.spin)
+            there = _looks(self.at(orbit.spin))
         except OrbitLost:  # there the map has no derivatives that are of use
-            return np.allclose(
-                told, [np.interp(orbit.spin, self.spins, each) for each in np.array(columns).T], rtol=NEAR_SHEET
-            )
-        return np.allclose(told, [there.impact_phase, there.speed], rtol=ON_SHEET)
+            columns = np.array([_looks(one) for one in self.orbits]).T
+            between = [np.interp(orbit.spin, self.spins, each) for each in columns]
+            return np.allclose(_looks(orbit), between, rtol=NEAR_SHEET)
+        return np.allclose(_looks(orbit), there, rtol=ON_SHEET)
+
+
+def _looks(orbit: PeriodicOrbit) -> tuple[float, float, float]:
+    """By what motions of one spin are told apart, but for mirror images."""
+    return orbit.impact_phase, orbit.speed, abs(orbit.precession_rate)
 
 
 def onward(first: PeriodicOrbit, to: float) -> Iterator[PeriodicOrbit]:
