@@ -49,7 +49,6 @@ ASKED_OF = {  # files of which few questions are asked: parts of their names
     "pictures": (),
     "sheets": ("sustained",),
     "slow_flow": ("sustained",),
-    "sustained": ("sustained",),
 }
 MATHEMATICS = "TURN", "FOLD.at", "FLIP.at"
 HEAD = f"""
