@@ -1,5 +1,6 @@
 """Where a motion is after any time: its spin drifts along the slow family, to a sustained spin, or over ends of the family."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost
-from dimersweep.orbits.sheets import Standing, Stretch, drifted, stretch_of
+from dimersweep.orbits.sheets import Sheet, Standing, Stretch, drifted, stretch_of
 from dimersweep.orbits.slow_flow import flow_of
 
 
@@ -127,7 +128,7 @@ def _after(orbit: PeriodicOrbit, periods: float) -> Later:
     flow = flow_of(orbit, whole=periods < 0)
     if periods < 0:
         sheet = flow.sheets[flow.sheet_of(orbit)]
-        return _of_orbit(sheet.at(_within_family(sheet.stretches, orbit.spin, periods)))
+        return _at(sheet, _within_family(sheet.stretches, orbit.spin, periods))
     left, begin = periods, orbit
     leaps: list[Leap] = []
     seen: dict[int, float] = {}  # periods that were left as a motion came to each arrival first
@@ -140,11 +141,9 @@ def _after(orbit: PeriodicOrbit, periods: float) -> Later:
             return _by_run(begin, left, leaps)
         sheet = flow.sheets[leg.number]
         if isinstance(leg.then, Standing) and left == np.inf:
-            return _of_orbit(leg.then.orbit, leaps)
-        if (
-            isinstance(leg.then, Standing) or leg.periods > left
-        ):  # of an infinite time to come to stand, or in its midst
-            return _of_orbit(sheet.at(drifted(sheet.stretches, begin.spin, left)[0]), leaps)
+            return _at(sheet, leg.then.orbit.spin, leaps)
+        if isinstance(leg.then, Standing) or leg.periods > left:
+            return _at(sheet, drifted(sheet.stretches, begin.spin, left)[0], leaps)
         left, end = left - leg.periods, sheet.at(leg.to)
         if isinstance(leg.then, str) or leg.then.periods > left:
             if left == np.inf:
@@ -163,8 +162,13 @@ def _after(orbit: PeriodicOrbit, periods: float) -> Later:
         seen.setdefault(number, left)
 
 
-def _of_orbit(orbit: PeriodicOrbit, leaps: list[Leap] | tuple[()] = ()) -> Later:
-    return Later(orbit.spin, orbit.radius, orbit.period, orbit.zeta, leaps=tuple(leaps))
+def _at(sheet: Sheet, spin: float, leaps: Sequence[Leap] = ()) -> Later:
+    """The motion of a spin on a sheet; where it has no orbit just there, with the circle of the nearest."""
+    try:
+        orbit = sheet.at(spin)
+    except OrbitLost:
+        orbit = min(sheet.orbits, key=lambda one: abs(one.spin - spin))
+    return Later(spin, orbit.radius, orbit.period, orbit.zeta, leaps=tuple(leaps))
 
 
 def _by_run(orbit: PeriodicOrbit, periods: float, leaps: list[Leap]) -> Later:
