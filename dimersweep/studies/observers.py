@@ -12,7 +12,6 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_count
 from dimersweep.kernel.batch import N_START, Workspace, is_stopped
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_N_PERIODS, CODE_STATUS, M_DRIFT, OK, OUT, ROW
-from dimersweep.orbits.sustained import sustained
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import states_of
 from dimersweep.runs.run import simulate_checked
@@ -108,6 +107,8 @@ class Sustained(Observer):
 
     def observe(self, ran: Ran, space: Workspace) -> None:
         """See `Observer`."""
+        from dimersweep.orbits.sustained import sustained  # which most sweeps do without
+
         for row, result in zip(ran.rows, ran.results, strict=True):
             if is_stopped(space):
                 return
