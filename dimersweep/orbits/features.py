@@ -15,8 +15,9 @@ import numpy as np
 
 from dimersweep.kernel.model.contact_code import code_of, digits_of
 from dimersweep.kernel.model.event_row import E_AFTER, E_BEFORE, E_KIND
-from dimersweep.kernel.model.layout import D1, D2, N_STATE, PHASE, SPIN, THETA
+from dimersweep.kernel.model.layout import D1, D2, SPIN, THETA
 from dimersweep.orbits.families import MISSING_OVER, on_family, walk
+from dimersweep.orbits.finding import at_end
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.orbits.poincare import Recorder, ReturnMap
@@ -89,13 +90,8 @@ def _ends_changed(passage: Passage) -> Passage:
 def features_from(
     parameters: Mapping[str, float], start: np.ndarray, periods: int, rtol: float, recorder: Recorder, mirrors: Mirrors
 ) -> Features:
-    """The features of the motion that a run of `parameters` has come to, and that repeats after so many forcing periods.
-
-    `start` is where the run has ended, at the start of a forcing period: state and friction modes, shape (N_START,).
-    """
-    m = ReturnMap(dict(parameters), parameters["phi0"], start[N_STATE:].copy(), periods, rtol, recorder)
-    state = start[:N_STATE].copy()
-    state[PHASE] = 0.0
+    """The features of the motion that a run has come to, and that repeats after so many forcing periods; see `at_end`."""
+    m, state = at_end(parameters, start, periods, rtol, recorder)
     _, _, passage = recorder.run(m.row, state, periods, rtol)
     return features_of(m, passage, mirrors)
 

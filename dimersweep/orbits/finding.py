@@ -228,12 +228,17 @@ def checked_spin(spin: float | None, given: dict[str, float]) -> float:
     return spin
 
 
-def orbit_from(parameters: Mapping[str, float], start: np.ndarray, periods: int, recorder: Recorder) -> PeriodicOrbit:
-    """The orbit of the motion that a run has come to, and that repeats after so many forcing periods; see `features_from`."""
-    modes, state = start[N_STATE:].copy(), start[:N_STATE].copy()
-    return orbit_through(
-        *settled_on(ReturnMap(dict(parameters), parameters["phi0"], modes, periods, RTOL, recorder), state, periods)
-    )
+def at_end(
+    parameters: Mapping[str, float], start: np.ndarray, periods: int, rtol: float, recorder: Recorder
+) -> tuple[ReturnMap, np.ndarray]:
+    """The map where a run of `parameters` has ended, over so many forcing periods, and the kernel's state there.
+
+    `start` is that end, at the start of a forcing period: state and friction modes, shape (N_START,).
+    """
+    m = ReturnMap(dict(parameters), parameters["phi0"], start[N_STATE:].copy(), periods, rtol, recorder)
+    state = start[:N_STATE].copy()
+    state[PHASE] = 0.0
+    return m, state
 
 
 def orbit_through(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:

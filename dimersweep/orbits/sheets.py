@@ -93,7 +93,7 @@ class Sheet:
         if abs(b.spin_drift - a.spin_drift) > STEEPEST * way:
             return True
         near = way <= AFTER_CHANGE * max(abs(a.spin), abs(b.spin))
-        return a.sequence != b.sequence and (near or not _foreseen(self.orbits[:k], b))
+        return a.sequence != b.sequence and (near or not _foreseen(self.orbits[max(0, k - 2) : k], b))
 
     @cached_property
     def spins(self) -> np.ndarray:
@@ -159,7 +159,7 @@ def _steadily(last: list[PeriodicOrbit], spin: float, over_change: bool) -> Peri
     here, nxt = last[0], step_along(last, spin)
     if not nxt.stable:
         raise OrbitLost("the orbit becomes unstable")
-    if nxt.sequence != here.sequence and not (over_change or _foreseen(last[::-1], nxt)):
+    if nxt.sequence != here.sequence and not (over_change or _foreseen(last[1::-1], nxt)):
         raise OrbitLost("the sequence changes")
     if len(last) > 1:
         points = [one.fixed for one in (nxt, here, last[1])]
@@ -199,9 +199,9 @@ def _foreseen(before: Sequence[PeriodicOrbit], nxt: PeriodicOrbit) -> bool:
     """Whether the drift of an orbit is what a line through the two before leads to expect."""
     if len(before) < 2:
         return False
-    (a, b), spins = ([one.spin_drift for one in before[-2:]], [one.spin for one in before[-2:]])
-    expected = b + (b - a) * (nxt.spin - spins[1]) / (spins[1] - spins[0])
-    return abs(nxt.spin_drift - expected) <= UNSEEN_BEND * abs(b)
+    a, b = before
+    expected = b.spin_drift + (b.spin_drift - a.spin_drift) * (nxt.spin - b.spin) / (b.spin - a.spin)
+    return abs(nxt.spin_drift - expected) <= UNSEEN_BEND * abs(b.spin_drift)
 
 
 def sheet_through(orbit: PeriodicOrbit, low: float, high: float, whole: bool) -> Sheet:

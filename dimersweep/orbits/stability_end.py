@@ -6,7 +6,7 @@ That is a fold, a flip or a torus, or a change of sequence over which multiplier
 from collections.abc import Callable, Collection, Iterator
 from contextlib import suppress
 from itertools import islice
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import numpy as np
 
@@ -228,8 +228,8 @@ class StabilityCurve(Curve, of=StabilityEnd):
         """The point of the end, with the spin put back where it is a bifurcation, as on curves of those."""
         at = special.point
         if special.kind.rows:
-            same: Any = (self.parameter, self.given, self.spin, self.rtol, self.recorder, {}, self.sustained)
-            own = special.kind.curve(special.kind, *same)
+            given = (self.parameter, self.given, self.spin, self.rtol, self.recorder)
+            own = special.kind.curve(special.kind, *given, sustained=self.sustained)
             with suppress(OrbitLost):
                 return own.taken_up(special)
         return Found(orbit_of(at.fixed), at.value, at)

@@ -11,14 +11,14 @@ from dimersweep.errors import OrbitError
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES, SPIN
 from dimersweep.orbits.features import ALIKE_WITHIN, Carried, Features, Mirrors, apart, features_from
-from dimersweep.orbits.finding import find, orbit_from
+from dimersweep.orbits.finding import RTOL, at_end, find, orbit_through, settled_on
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, Recorder
 from dimersweep.orbits.slow_flow import Cycle, SlowFlow, flow_of
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.solving import RunSettings, exactly, run_row
 
-ONE_FATE = 1e-3  # share by which spins and radii of one may differ, or of 1 rad/s
+ONE_FATE = 1e-3  # by which spins, speeds and impact phases of one may differ, as a share and in their units
 
 
 class Fate(NamedTuple):
@@ -170,15 +170,14 @@ class Classifier:
         """Attractors anew, by where the spin of their starts comes to; those of which that is not known stay as they are."""
         flows: dict[bool, SlowFlow] = {}
         found: list[Attractor] = []
+        spins = np.abs(self.results["end"][:, SPIN])
         for attractor in attractors:
             parts: list[tuple[Fate | None, list[int]]] = []
-            spins = np.abs(self.results["end"][:, SPIN])
             middle = np.median(spins[attractor.members])
             # those of the most and the least spin first: the ways of all others are parts of theirs
             for start in sorted(attractor.members.tolist(), key=lambda start: -abs(spins[start] - middle)):
                 fate = self._fate(attractor, start, flows)
-                same = (members for known, members in parts if alike(known, fate))
-                members = next(same, None)
+                members = next((members for known, members in parts if alike(known, fate)), None)
                 if members is None:
                     parts.append((fate, [start]))
                 else:
@@ -200,7 +199,8 @@ class Classifier:
             return None
         try:
             periods = attractor.features.periods
-            orbit = orbit_from(self.parameters(start), self.results["end"][start], periods, self.recorder)
+            m, state = at_end(self.parameters(start), self.results["end"][start], periods, RTOL, self.recorder)
+            orbit = orbit_through(*settled_on(m, state, periods))
             if (orbit.spin < 0) not in flows:
                 flows[orbit.spin < 0] = flow_of(orbit)
             fate = flows[orbit.spin < 0].fate(orbit)
