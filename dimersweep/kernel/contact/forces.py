@@ -177,13 +177,11 @@ class Single(NamedTuple):
 def single_rates(dm, mode, p, rod, pull):
     """Rates and forces of the contact of one end (p, friction mode)."""
     d_wb, d_wp, n, a, b = free_rates(dm, p, rod, pull)
-    lv, im = levers(p, rod.sin_b, rod.cos_b), dm.im
-    mu = slip_mu(p, length(rod.u_a, rod.u_b))
-    F, A, L, compliance = single_forces(dm, mu, mode, delassus(dm, lv, lv), rod.u_a, rod.u_b, n, a, b)
+    lv = levers(p, rod.sin_b, rod.cos_b)
+    mu, w = slip_mu(p, length(rod.u_a, rod.u_b)), delassus(dm, lv, lv)
+    F, A, L, compliance = single_forces(dm, mu, mode, w, rod.u_a, rod.u_b, n, a, b)
     push, roll, spun = dm.it * (lv.n * F + lv.a * A), lv.b * dm.it * L, lv.c * dm.ia * L
-    d_a, d_b = 0.0, 0.0
-    if mode == SLIP:
-        d_a, d_b = a + im * A + lv.a * push, b + im * L + lv.b * roll + lv.c * spun
+    d_a, d_b = (a + w.an * F + w.aa * A, b + w.bb * L) if mode == SLIP else (0.0, 0.0)
     return Single(d_wb + push, d_wp + roll, spun, d_a, d_b, rod.w_p / rod.cos_b, F, A, L, compliance)
 
 

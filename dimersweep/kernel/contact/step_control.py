@@ -233,7 +233,7 @@ def explicit_contact_step(step):
     """One DOP853 step from the start into `out`; returns the error over the tolerance."""
     p, b, y = step.p, step.p.b, step.p.b.start.y
     charge(p.meter, EXPLICIT_COST)
-    copy(b.start.dy, b.K[0], p.n)
+    copy(b.start.dy, b.K[0], coordinates.N_WORKED)  # a number that is known compiles to no call
     rescale(step, y, b.start.F, b.K[0])
     if y[Y.chart] == UPRIGHT or (p.modes[0] != FREE and p.modes[1] != FREE):
         return explicit_step(slopes_of_any, step, step.h, y, b.K, p.n, b.scale, b.out.y)

@@ -129,7 +129,9 @@ def single_forces(dm, mu, mode, w, u_a, u_b, n, a, b):
     if mode == STICK:
         det = w.nn * w.aa - w.na * w.na
         return (w.na * a - w.aa * n) / det, (w.na * n - w.nn * a) / det, -b / w.bb, 1.0
-    A, L = slip_force(mu, 1.0, *direction(u_a, u_b))
-    yields = w.nn + w.na * A
+    # all times the speed, for one division in place of two: the next stage of a step has to wait for them
+    v = length(u_a, u_b) or 1.0
+    A, L = slip_force(mu, 1.0, u_a, u_b)
+    yields = v * w.nn + w.na * A
     F = -n / yields
-    return F, F * A, F * L, yields * dm.m
+    return v * F, F * A, F * L, yields / v * dm.m
