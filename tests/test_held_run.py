@@ -276,6 +276,18 @@ def test_a_run_that_an_earlier_version_saved_with_e_beside_the_ends_is_read(tmp_
     assert dimersweep.load_run(tmp_path / "run.nc").parameters == run.parameters
 
 
+def test_a_run_that_an_earlier_version_saved_without_slips_is_read(tmp_path):
+    run = simulate(periods=3)
+    run.save(tmp_path / "run.nc")
+    with xr.open_dataset(tmp_path / "run.nc") as file:
+        whole = file.load()
+    whole.isel(segment_column=slice(-2)).to_netcdf(tmp_path / "former.nc")
+    times = np.linspace(0, 3 / run.parameters["f"], 50)
+    former, now = dimersweep.load_run(tmp_path / "former.nc").states(times), run.states(times)
+    for name in ("x", "z", "theta", "beta"):
+        np.testing.assert_allclose(former[name], now[name], rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.parametrize("name", ["end_start", "end_past", "event_rows", "segment_rows"])
 @pytest.mark.parametrize("cut", [lambda rows: rows[:, :2], lambda rows: rows.astype("f4"), lambda rows: rows[0]])
 def test_a_run_whose_rows_have_another_shape_is_refused_before_the_kernel_reads_beyond_them(tmp_path, name, cut):

@@ -222,8 +222,11 @@ def test_no_start_of_chaos_has_a_low_exponent():
 
 
 def test_chaos_that_ends_in_a_settled_motion_is_counted_up_to_there():
-    run = simulate(Gamma=1.98, beta0=0.9, f=37, e=0.66, periods=100)
-    later = run.go_on(1500)
+    for beta0 in (0.7, 0.6, 0.5, 0.4, 0.3):  # rounding decides how long the chaos of each lasts: some hundred periods
+        run = simulate(Gamma=1.98, beta0=beta0, f=37, e=0.66, periods=100)
+        later = run.go_on(1500)
+        if run.mode == "aperiodic" and 400 < later.settled_after < 1300:
+            break
     assert (run.mode, later.mode) == ("aperiodic", "flutter")
     found = lyapunov(run, 1300)
     assert 100 < found.periods < later.settled_after - 100

@@ -60,17 +60,8 @@ def before_landings(run: Run) -> tuple[np.ndarray, np.ndarray]:
     # one rounding below its end a phase still goes on; across the end of a forcing period nothing happens
     same = starts[:, PERIOD] == ends[:, PERIOD]
     phases = np.where(same, np.nextafter(ends[:, PHASE], 0.0), starts[:, PHASE])
-    sample(
-        row,
-        starts,
-        np.arange(len(phases)),
-        phases,
-        run.rtol,
-        new_workspace(),
-        no_record(),
-        states,
-        modes,
-    )
+    which, none = np.arange(len(phases)), np.zeros((0, 0))
+    sample(row, starts, which, phases, run.rtol, new_workspace(), no_record(), states, modes, none)
     open_before = starts[:, SEGMENT_MODES:SEGMENT_HOP_TIME] == FREE
     lands = open_before & (ends[:, [D1, D2]] == 0.0) & same[:, None] & (states[:, [N1, N2]] < 0.0)
     return states, lands

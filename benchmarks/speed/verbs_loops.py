@@ -99,7 +99,7 @@ def contact_step(dm, motion, method, rtol):
     smooth_motion.set_contact(dm, motion.state, motion.modes, y)
     plate, n, work = motion.state[PHASE] + dm.phi0, coordinates.N_CLOSED, motion.work
     b, bracket = work.step[0], work.bracket[0]
-    p = step_control.Phase(dm, motion.modes, plate, dm.period, rtol, 0.0, n, False, b, control, bracket, work.meter)
+    p = step_control.Phase(dm, motion.modes, plate, dm.period, dm.period, rtol, 0.0, n, b, control, bracket, work.meter)
     step_control.begin_at(p, y)
     control.method = method
     control.stiffness = step_control.stiffness(p, max(p.b.start.F[forces.F1], p.b.start.F[forces.F2]))
@@ -113,7 +113,7 @@ def contact_phase(dm, motion, rtol):
     smooth_motion.set_contact(dm, state, motion.modes, motion.contact)
     motion.course[0].slip_tol = smooth_motion.no_slip(dm, state, rtol)
     span = (TWO_PI - state[PHASE]) / dm.omega
-    t, event = phase.sustain_contact(dm, contact_of(dm, motion), span, False, rtol, True, motion.work)
+    t, event = phase.sustain_contact(dm, contact_of(dm, motion), span, span, False, rtol, motion.work)
     return t if event != OUT_OF_STEPS else np.nan
 
 

@@ -256,7 +256,9 @@ def end_period(dm, ask, motion, record):
         course.status = layout.NOT_FINITE
         return
     note_period(dm, state, modes, motion.past[0])
-    note_segment(record, state, modes, 0.0, state)
+    course.slip_tol, course.contact_is_set = smooth_motion.no_slip(dm, state, ask.rtol), True
+    smooth_motion.set_contact(dm, state, modes, motion.contact)
+    note_segment(record, motion, 0.0)
     if ask.settle and (
         rests_for_good(dm, motion) or stays_as_it_is(dm, motion.past[0], ask.periods - int(state[PERIOD]))
     ):
@@ -298,7 +300,7 @@ def finish(dm, motion, record):
         out_of_steps = course.status == layout.CONTACT_STEPS or course.status == layout.IMPACT_STEPS
         return why_over(motion.meter) if out_of_steps and is_over(motion.meter) else course.status, False
     note_event(dm, record, state, layout.C_END, course.contact_before, coded(modes[0], modes[1]))
-    note_segment(record, state, modes, 0.0, state)
+    note_segment(record, motion, 0.0)
     if is_kept(record) and is_full(record):
         return layout.RECORD_FULL, False
     return OK, rests_for_good(dm, motion)

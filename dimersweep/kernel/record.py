@@ -5,16 +5,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.contact.coordinates import Y
 from dimersweep.kernel.energy import Book, new_book
 from dimersweep.kernel.model.body import contact_velocity
 from dimersweep.kernel.model.event_row import E_KIND, N_EVENT, write_moment, write_phase
 from dimersweep.kernel.model.layout import C_CHATTER_END, C_IMPACT, C_SLIP, C_STICK, CB, N1, N_STATE
 from dimersweep.kernel.numerics.steps import copy
 
-# columns of a segment: the state, the friction modes of the phase that starts from it; and where the close of a chatter
-# leads to it, the time that the hops which it sums take [s] (else 0), and what it changes (N1 to CB) as it was before
+# columns of a segment: the state, the friction modes of the phase that starts from it; where the close of a chatter leads to
+# it, the time that the hops which it sums take [s] (else 0), and what it changes (N1 to CB) as it was before; and the slip of
+# the leading end, to its last digit
 SEGMENT_MODES, SEGMENT_HOP_TIME, BEFORE = N_STATE, N_STATE + 2, N_STATE + 3
-N_SEGMENT = BEFORE + CB + 1 - N1
+SEGMENT_SLIP = BEFORE + CB + 1 - N1
+N_SEGMENT = SEGMENT_SLIP + 2
 # what is counted: events, and the rows that the record has or would need
 EVENT_COUNT, EVENT_ROWS, SEGMENT_ROWS = range(3)
 N_COUNTS = 3
@@ -115,15 +118,16 @@ def note_impact_phases(dm, record, state, rows, before):
 
 
 @compiled(inline=True)
-def note_segment(record, state, modes, hop_time, before):
-    """Write the start of a smooth phase, and the state `before` hops that take the time `hop_time` were summed."""
+def note_segment(record, motion, hop_time):
+    """Write the start of a smooth phase, and the state before hops that take the time `hop_time` were summed."""
     n = next_row(record.segments, record.counts, SEGMENT_ROWS) if is_kept(record) else -1
     if n >= 0:
         row = record.segments[n]
-        copy(state, row, N_STATE)
-        row[SEGMENT_MODES], row[SEGMENT_MODES + 1], row[SEGMENT_HOP_TIME] = modes[0], modes[1], hop_time
+        copy(motion.state, row, N_STATE)
+        row[SEGMENT_MODES], row[SEGMENT_MODES + 1], row[SEGMENT_HOP_TIME] = motion.modes[0], motion.modes[1], hop_time
         for k in range(N1, CB + 1):
-            row[BEFORE + k - N1] = before[k]
+            row[BEFORE + k - N1] = motion.before[k]
+        row[SEGMENT_SLIP], row[SEGMENT_SLIP + 1] = motion.contact[Y.u_a], motion.contact[Y.u_b]
 
 
 @compiled(inline=True)
@@ -139,4 +143,4 @@ def note_contact(dm, record, motion, after):
     if cause != C_IMPACT or after != 0:
         note_event(dm, record, state, cause, before, after)
     hop_time = motion.course[0].hop_time if cause == C_CHATTER_END else 0.0
-    note_segment(record, state, motion.modes, hop_time, motion.before)
+    note_segment(record, motion, hop_time)

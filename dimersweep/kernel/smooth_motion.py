@@ -131,7 +131,7 @@ def follow_contact(dm, ask, motion):
         energy = kinetic(dm, state) + plate
         motion.work.control[0].doubt = max(FINER * ask.rtol, FINEST) * energy
         begin_phase(y, motion.work)
-    t, event = sustain_contact(dm, contact_of(dm, motion), span, ask.path, ask.rtol, True, motion.work)
+    t, event = sustain_contact(dm, contact_of(dm, motion), span, span, ask.path, ask.rtol, motion.work)
     if event == LANDING:
         y[Y.dip] = 0.0
     kernel_state(dm, motion.modes, y, state)

@@ -36,7 +36,7 @@ from dimersweep.kernel.model.layout import (
     Dimer,
     State,
 )
-from dimersweep.kernel.record import BEFORE, SEGMENT_MODES
+from dimersweep.kernel.record import BEFORE, SEGMENT_MODES, SEGMENT_SLIP
 from dimersweep.kernel.verdict.past import HOP_LINE, double_end, ends_sticking
 
 TURN = 2 * np.pi
@@ -221,7 +221,7 @@ class Passage:
             return None
         segment = self.segments[at]
         state = segment[: PERIOD + 1].copy()
-        state[N1 : CB + 1] = segment[BEFORE:]  # before the hops of a chatter were summed
+        state[N1 : CB + 1] = segment[BEFORE:SEGMENT_SLIP]  # before the hops of a chatter were summed
         return state
 
 

@@ -280,7 +280,7 @@ class ReturnMap:
             which = np.searchsorted(passage.times, phases, side="right") - 1
         states, modes = np.zeros((phases.size, N_STATE)), np.zeros((phases.size, 2))
         at, which, space = phases - TURN * segments[which, PERIOD], np.full(phases.size, which), self.recorder.space
-        status = sample(self.row, segments, which, at, self.rtol, space, no_record(), states, modes)
+        status = sample(self.row, segments, which, at, self.rtol, space, no_record(), states, modes, np.zeros((0, 0)))
         _check(status)
         return states, modes
 

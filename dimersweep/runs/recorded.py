@@ -36,7 +36,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.model.plate import motion, motion_along
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, Record, new_record, no_record, rows_of
-from dimersweep.kernel.sample import HOPS_LAST, forces_at, sample
+from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENT_QUANTITIES, FORCES, START, STATE_QUANTITIES, Quantity
 
 BETWEEN_IMPACTS = [code_of(first, second) for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
@@ -84,7 +84,7 @@ def events_of(record: RunRecord) -> xr.Dataset:
     ended = _move_to_ends_of_hops(record, columns)
     columns["time"] = times_of(columns["period"], columns["phase"], parameters["f"])
     if ended.size:
-        _, states, _ = _sampled(record, *_places(columns["time"][ended], record), no_record())
+        _, states, _, _ = _sampled(record, *_places(columns["time"][ended], record), no_record())
         dm, s = dimer_of(record.row), State(*states.T)
         columns["beta"][ended], columns["theta"][ended] = dm.beta_0 + s.dip, s.theta
         for end, rate in ((1, s.n1), (2, s.n2)):
@@ -141,7 +141,7 @@ def _end_of_hops(record: RunRecord, k: int) -> float | None:
     status, room = RECORD_FULL, HOP_ROWS
     while status == RECORD_FULL:
         rows, room = new_record(room), HOP_ROWS_GROWTH * room
-        status, _, _ = _sampled(record, np.array([k]), segment[[PHASE]] + span, rows)
+        status, *_ = _sampled(record, np.array([k]), segment[[PHASE]] + span, rows)
     events, segments = rows_of(rows)
     closed = np.array(digits_of(events[:, E_KIND])).T > 0
     all_down = (closed >= (segment[SEGMENT_MODES : SEGMENT_MODES + 2] != FREE)).all(1)
@@ -242,11 +242,11 @@ def named_state(row: np.ndarray, start: np.ndarray) -> dict[str, float]:
 
 def _sampled(
     record: RunRecord, which: np.ndarray, phases: np.ndarray, rows: Record
-) -> tuple[int, np.ndarray, np.ndarray]:
-    """Status, kernel states and friction modes at plate phases within the given segments."""
-    states, modes = np.zeros((which.size, N_STATE)), np.zeros((which.size, 2))
-    status = sample(record.row, record.segments, which, phases, record.rtol, new_workspace(), rows, states, modes)
-    return status, states, modes
+) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    """Status, kernel states, friction modes and contact forces at plate phases within the given segments."""
+    states, modes, F = (np.zeros((which.size, n)) for n in (N_STATE, 2, N_F))
+    status = sample(record.row, record.segments, which, phases, record.rtol, new_workspace(), rows, states, modes, F)
+    return status, states, modes, F
 
 
 def states_of(record: RunRecord, times: np.ndarray) -> xr.Dataset:
@@ -257,12 +257,12 @@ def states_of(record: RunRecord, times: np.ndarray) -> xr.Dataset:
     ParameterError
         If a time is outside the run, or in a phase of contact so long that its steps are more than their bound.
     """
-    status, kernel_states, modes = _sampled(record, *_places(times, record), no_record())
+    status, kernel_states, modes, F = _sampled(record, *_places(times, record), no_record())
     if status != OK:
         time = times[np.isnan(kernel_states[:, PHASE])][0]
         raise ParameterError(f"t = {time:.10g}: there is no state ({STATUS_MESSAGES[status]})")
     kinetic, potential = energies(dimer_of(record.row), kernel_states)
-    columns = forces(record.row, kernel_states, modes, record.rtol)
+    columns = forces(record.row, kernel_states, modes, F)
     columns |= {"kinetic_energy": kinetic, "potential_energy": potential}
     return _states(record.row, times, kernel_states, modes).assign(_dataset(columns, FORCES, "time").variables)
 
@@ -288,7 +288,7 @@ def energies(dm: Dimer, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return kinetic, dm.m * (dm.g * z - dm.fall_x * x - dm.fall_y * y)
 
 
-def forces(row: np.ndarray, states: np.ndarray, modes: np.ndarray, rtol: float) -> dict[str, np.ndarray]:
+def forces(row: np.ndarray, states: np.ndarray, modes: np.ndarray, F: np.ndarray) -> dict[str, np.ndarray]:
     """Forces of the plate on both ends, by the names of `symbols.FORCES` [N].
 
     Two ends on the plate share one axial velocity. Where one of them sticks, only the sum of their axial forces is determined.
@@ -296,13 +296,9 @@ def forces(row: np.ndarray, states: np.ndarray, modes: np.ndarray, rtol: float) 
     Parameters
     ----------
     row : ndarray, shape (N_ROW,)
-    states, modes : ndarray, shapes (n, N_STATE), (n, 2)
-        Kernel states, and the friction modes of their ends.
-    rtol : float
-        Accuracy of the run.
+    states, modes, F : ndarray, shapes (n, N_STATE), (n, 2), (n, N_F)
+        Kernel states, the friction modes of their ends, and the forces that go with them.
     """
-    F = np.zeros((len(states), N_F))
-    forces_at(row, states, modes, rtol, new_workspace(), F)
     dm = dimer_of(row)
     axial = np.array([F[:, A1], F[:, A2]])
     both = (modes != FREE).all(1)

@@ -16,7 +16,7 @@ from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import N_START
 from dimersweep.kernel.model.event_row import N_EVENT
 from dimersweep.kernel.model.layout import CODES, RUN_COLUMNS
-from dimersweep.kernel.record import N_SEGMENT
+from dimersweep.kernel.record import N_SEGMENT, SEGMENT_SLIP
 from dimersweep.kernel.verdict.past import PAST_SHAPE
 from dimersweep.parameters import Parameters, updated
 from dimersweep.runs.outcomes import Absent, Orbit, no_orbit
@@ -97,6 +97,9 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
             warnings.warn(
                 f"{line}; states between its events may differ in the last digits", RuntimeWarning, stacklevel=3
             )
+        if "segment_rows" in rows:  # of an earlier version: without slips
+            lack = N_SEGMENT - SEGMENT_SLIP if rows["segment_rows"].shape[1:] == (SEGMENT_SLIP,) else 0
+            rows["segment_rows"] = np.pad(rows["segment_rows"], [(0, 0), (0, lack)], constant_values=np.nan)
         for name, values in rows.items():  # whose shapes the kernel trusts: it would read beyond
             shape = tuple(want or found for want, found in zip(SHAPES[name], values.shape, strict=True))
             if values.dtype != np.float64 or values.shape != shape:

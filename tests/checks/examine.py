@@ -123,7 +123,7 @@ def states_at(row, segments, phases, rtol):
     segments = segments.copy()
     segments[:, SEGMENT_HOP_TIME] = 0.0  # the run is looked at, which has summed these hops
     which = np.repeat(np.arange(n), k)
-    sample(row, segments, which, phases.ravel(), rtol, new_workspace(), no_record(), states, modes)
+    sample(row, segments, which, phases.ravel(), rtol, new_workspace(), no_record(), states, modes, np.zeros((0, 0)))
     return states.reshape(n, k, N_STATE)
 
 

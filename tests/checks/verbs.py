@@ -158,10 +158,10 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, dy, F
 
 
 @exported
-def sustain_contact(dm, modes, y, at, span, tol, slip_tol, locate, work, path=True):
+def sustain_contact(dm, modes, y, at, span, tol, slip_tol, work, path=True):
     """Contact phase."""
     c = forces.Contact(modes, at, y, y, y, slip_tol)
-    return phase.sustain_contact(dm, c, span, path, tol, locate, work)
+    return phase.sustain_contact(dm, c, span, span, path, tol, work)
 
 
 @exported

@@ -9,7 +9,7 @@ import numpy as np
 from dimersweep.kernel.model.contact_code import CONTACT_STATES
 from dimersweep.kernel.model.event_row import E_A1, E_A2, E_AFTER, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import C_CHATTER_END, C_IMPACT, CA, CB, N1, PERIOD, PHASE, SPIN, THETA, WB
-from dimersweep.kernel.record import BEFORE
+from dimersweep.kernel.record import BEFORE, SEGMENT_SLIP
 
 TURN = 2 * np.pi
 LONG, NOTED, BURST, BESIDE = 0.5, 0.4, 0.05, 0.15  # in forcing periods
@@ -136,7 +136,7 @@ def double_at(record: Any, times: np.ndarray, time: float, bouncer: int) -> Doub
     segment = record.segments[k].copy()
     rows = record.events[np.abs(record.events[:, E_PERIOD] + record.events[:, E_PHASE] / TURN - time) < 1e-12]
     if (rows[:, E_CAUSE] == C_CHATTER_END).any():
-        segment[N1 : CB + 1] = segment[BEFORE:]
+        segment[N1 : CB + 1] = segment[BEFORE:SEGMENT_SLIP]
     c = np.array([segment[CA], segment[CB]])
     speed = float(np.sqrt(c @ c))
     forward = (c[0] if bouncer == 1 else -c[0]) / speed if speed else np.nan

@@ -492,7 +492,7 @@ def test_a_jam_is_where_the_oracles_compliance_vanishes(start):
     jam.terminal = True
     expected = solve_ivp(rates, (0, 0.05), [*q, *qdot, 0.0], events=jam, method="DOP853", rtol=1e-11, atol=1e-13)
     assert expected.status == 1
-    t, event = sustain_contact(dm, codes, y, 0.0, dm.period, 1e-10, 1e-11, True, scratch()[0])
+    t, event = sustain_contact(dm, codes, y, 0.0, dm.period, 1e-10, 1e-11, scratch()[0])
     assert event == JAM
     assert t == pytest.approx(expected.y[12, -1], rel=1e-8)
     kernel_state(dm, codes, y, state)
@@ -519,7 +519,7 @@ def test_a_phase_against_a_plain_integration(modes, tol):
         state[CA] += 1.0
     codes, y = loaded(dm, modes, state)
     start, span = y.copy(), 0.004
-    t, event = sustain_contact(dm, codes, y, 0.3, span, tol, 1e-12, False, scratch()[0])
+    t, event = sustain_contact(dm, codes, y, 0.3, span, tol, 1e-12, scratch()[0])
     assert (t, event) == (span, NO_EVENT)
     expected = reference_phase(dm, codes, start, 0.3, span)[:N_PATH]
     expected[Y.time] = y[Y.time]
@@ -545,7 +545,7 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         if modes == (STICK, FREE):
             state = at_rest(dm, state, 0)
         codes, y = loaded(dm, modes, state)
-        t, found = sustain_contact(dm, codes, y, 0.0, dm.period, 1e-10, 1e-11, True, scratch()[0])
+        t, found = sustain_contact(dm, codes, y, 0.0, dm.period, 1e-10, 1e-11, scratch()[0])
         assert found - found % 2 == event, (event, found)
         assert 0 < t < dm.period
         dy, F = np.zeros(N_Y), np.zeros(N_F)
@@ -567,8 +567,8 @@ def test_whether_the_path_is_wanted_does_not_change_the_motion(modes):
     state = closed_state(dm, modes, np.random.default_rng(2), 0.5)
     codes, y = loaded(dm, modes, state)
     other = y.copy()
-    told = sustain_contact(dm, codes, y, 0.3, 0.02, 1e-6, 1e-9, True, scratch()[0])
-    assert told == sustain_contact(dm, codes, other, 0.3, 0.02, 1e-6, 1e-9, True, scratch()[0], False)
+    told = sustain_contact(dm, codes, y, 0.3, 0.02, 1e-6, 1e-9, scratch()[0])
+    assert told == sustain_contact(dm, codes, other, 0.3, 0.02, 1e-6, 1e-9, scratch()[0], False)
     assert (y[:N_CLOSED] == other[:N_CLOSED]).all()
     assert (y[Y.x : Y.x + 2] != other[Y.x : Y.x + 2]).all()
 
@@ -585,7 +585,7 @@ def test_a_brief_pull_within_a_step_is_found(tol, modes):
             state[[DIP, D2]] = 0.3, dm.l * sin(0.3)
         codes, y = loaded(dm, modes, state)
         phase = 0.5 * np.pi - 0.6
-        t, event = sustain_contact(dm, codes, y, phase, 1.2 / dm.omega, tol, 0.1 * tol * dm.v_scale, True, scratch()[0])
+        t, event = sustain_contact(dm, codes, y, phase, 1.2 / dm.omega, tol, 0.1 * tol * dm.v_scale, scratch()[0])
         if Gamma > 1:
             assert event in (LIFT_OFF, LIFT_OFF + 1)
             assert sin(phase + dm.omega * t) == pytest.approx(1 / Gamma, abs=max(tol, 1e-5))
@@ -602,9 +602,7 @@ def test_slip_beside_an_end_that_sticks_comes_to_rest_on_a_line(tol):
     state = at_rest(dm, state, 0)
     for accuracy in (tol, 1e-13):
         codes, y = loaded(dm, (STICK, SLIP), state)
-        t, event = sustain_contact(
-            dm, codes, y, 0.0, dm.period, accuracy, 0.1 * accuracy * dm.v_scale, True, scratch()[0]
-        )
+        t, event = sustain_contact(dm, codes, y, 0.0, dm.period, accuracy, 0.1 * accuracy * dm.v_scale, scratch()[0])
         assert event == SLIP_END + 1
         assert y[Y.w_p] == y[Y.u_b] == 0.0
         times.append(t)

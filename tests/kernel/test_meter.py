@@ -23,7 +23,7 @@ def slide(work):
     state[CB] = 1.0
     contact_state(dm, state, -1.0, y)
     span = dm.period
-    t, event = sustain_contact(dm, codes, y, 0.0, span, 1e-10, 1e-11, True, work)
+    t, event = sustain_contact(dm, codes, y, 0.0, span, 1e-10, 1e-11, work)
     return t, span, event
 
 

@@ -47,11 +47,11 @@ PAST_LANDING = 1.02  # how far past a landing in sight a step goes
 
 
 @compiled
-def sustain_contact(dm, c, span, path, tol, locate, work):
-    """Integrate a phase of sustained contact, c.y in place, to its first event, or over `span` seconds; see `Phase`.
+def sustain_contact(dm, c, span, until, path, tol, work):
+    """Integrate a phase of sustained contact, c.y in place, to its first event, or `until` a time [s]; see `Phase`.
 
     `path` says whether x1, y1 and gamma are wanted; they are where works are. Returns the time integrated [s], and the number
-    of the event (JAM also where no step is short enough), NO_EVENT if the span is over, or OUT_OF_STEPS, also if the meter is.
+    of the event (JAM also where no step is short enough), NO_EVENT if the time has come, or OUT_OF_STEPS, also if the meter is.
     """
     b, control, bracket = work.step[0], work.control[0], work.bracket[0]
     t, n = 0.0, N_PATH if path else N_CLOSED
@@ -59,7 +59,7 @@ def sustain_contact(dm, c, span, path, tol, locate, work):
         n = coordinates.N_WORKED
     for _ in range(MAX_CHARTS):
         phase = c.phase + dm.omega * t
-        p = Phase(dm, c.modes, phase, span - t, tol, c.slip_tol, n, locate, b, control, bracket, work.meter)
+        p = Phase(dm, c.modes, phase, span - t, until - t, tol, c.slip_tol, n, b, control, bracket, work.meter)
         event = sustain_in_chart(p, c.y)
         copy(p.b.start.y, c.y, coordinates.N_Y)
         t += p.control.time
@@ -80,9 +80,8 @@ def sustain_in_chart(p, y):
     for k in range(events.N_CONTACT_EVENTS):
         b.armed[k] = 0.0
     if p.modes[0] == FREE or p.modes[1] == FREE:
-        b.armed[LANDING], b.armed[events.LEAVES_CHART] = 1.0 if p.locate else 0.0, 1.0
-    if p.locate:
-        events.arm_events(p, b.values[0])
+        b.armed[LANDING], b.armed[events.LEAVES_CHART] = 1.0, 1.0
+    events.arm_events(p, b.values[0])
     least_value(p, b.start, b.values[0])
     natural = eighth_root(p.tol)
     c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * p.dm.period, FIRST_RESCALED * natural
@@ -103,7 +102,7 @@ def sustain_in_chart(p, y):
 def step_on(p):
     """Take one step, or find that it has to be shorter; returns the event that ends the phase, or GOES_ON."""
     b, c, start, out = p.b, p.control, p.b.start, p.b.out
-    if c.time >= p.span:
+    if c.time >= p.until:
         return events.NO_EVENT
     start.y[Y.time] = 0.0
     c.stiffness = stiffness(p, max(start.F[F1], start.F[F2]))
@@ -122,6 +121,8 @@ def step_on(p):
     least, event = least_value(p, out, b.values[3])
     if may_hide_event(p, least, event):
         return GOES_ON
+    if p.until < p.span and c.time + out.y[Y.time] > p.until:
+        return stop_short(p)
     if least <= 0.0:
         return stop_at_event(p, least, event)
     return accept_step(p, factor)
@@ -152,7 +153,7 @@ def end_slip_on_line(p):
     """Carry a slip that is about to end along a straight line to its end; returns that event, or GOES_ON."""
     c, y, dy = p.control, p.b.start.y, p.b.start.dy
     sets_out = c.time == 0.0 and c.speed <= p.slip_tol  # its mode was chosen: rounding has no say in its rate
-    if not p.locate or sets_out or not c.speed < PLAIN_LEAST_TURN * p.dm.period * c.stiffness:
+    if sets_out or not c.speed < PLAIN_LEAST_TURN * p.dm.period * c.stiffness:
         return GOES_ON
     i = slip_about_to_end(p, min(landing_in_sight(p) / PAST_LANDING, p.span - c.time))
     if i < 0:
@@ -160,13 +161,18 @@ def end_slip_on_line(p):
     (a, b), (d_a, d_b) = slip_of(p.dm, p.modes, y, i), slip_of(p.dm, p.modes, dy, i)
     v2 = a * a + b * b
     t = -v2 / (a * d_a + b * d_b) if v2 > p.slip_tol * p.slip_tol else 0.0
+    ends = p.until == p.span or c.time + t <= p.until
+    if not ends:
+        t = p.until - c.time
     if p.n > N_PATH:
         works_to_slip_end(p, t)
     y[Y.dip] += 0.5 * t * t * dy[Y.w_b]  # at its present acceleration, or the smallest hops would gain energy
     for k in range(min(p.n, N_PATH)):
         y[k] += t * dy[k]
-    set_slip(p.dm, p.modes, y, i, 0.0, 0.0)
     c.time += t
+    if not ends:
+        return events.NO_EVENT
+    set_slip(p.dm, p.modes, y, i, 0.0, 0.0)
     return events.SLIP_END + i
 
 
@@ -176,9 +182,8 @@ def choose_step(p):
     dm, start, c = p.dm, p.b.start, p.control
     v, gamma, left = c.speed, c.stiffness, p.span - c.time
     method = method_for(p)
-    unended = not p.locate and v <= p.slip_tol  # no event ends it, and rescaled steps would never take it to zero
     unsure = c.time == 0.0 and without_force(p) >= 0  # that step is brief, as c.h says and c.xi does not
-    if method == RESCALED and (unended or unsure or 2.0 * c.xi * v / gamma > left):
+    if method == RESCALED and (unsure or 2.0 * c.xi * v / gamma > left):
         method = IMPLICIT
     h = min(c.h, LONGEST_STEP * dm.period)
     if c.time == 0.0 and method == IMPLICIT:  # a slip that sets out has its direction to find
@@ -257,7 +262,7 @@ def may_hide_event(p, least, event):
     c, part = p.control, 1.0
     if c.method == RESCALED:
         return False
-    if p.locate and least > 0.0:
+    if least > 0.0:
         part = events.hidden_dip(p, c.h)
     if part < 1.0 or (least <= 0.0 and event == LANDING and p.b.start.y[Y.dip] == 0.0):
         c.h *= min(part, 0.5)
@@ -272,7 +277,7 @@ def stop_at_event(p, least, event):
     event = events.first_crossing(p, event, least)
     if event == UNSOUND:
         return shorten(p, 0.5)
-    if p.locate and c.method != RESCALED:
+    if c.method != RESCALED:
         least_value(p, b.out, b.values[3])
         dt = b.out.y[Y.time]
         part = events.hidden_dip(p, dt) if events.low_between(p, motion_rate(p.dm, y) * dt) else 1.0
@@ -288,6 +293,21 @@ def stop_at_event(p, least, event):
         return event
     c.h, c.xi = 0.5 * c.h, 0.5 * c.xi  # the slip has only turned by a right angle
     least_value(p, b.start, b.values[0])
+    return GOES_ON
+
+
+@compiled
+def stop_short(p):
+    """Go to the time that is asked for, within the step past it, which has no event so early; returns NO_EVENT, or GOES_ON if
+    that takes more steps.
+    """
+    c, size = p.control, p.until - p.control.time
+    c.method = PLAIN_METHOD if c.method == PLAIN_METHOD else IMPLICIT
+    if step_control.step_to(p, c.now, size) <= 1.0:
+        go_to_end(p)
+        c.time = p.until
+        return events.NO_EVENT
+    c.h, c.xi = 0.5 * size, 0.5 * c.xi
     return GOES_ON
 
 
@@ -309,11 +329,10 @@ def accept_step(p, factor):
     go_to_end(p)
     c.time = p.span if c.last else c.time + dt
     pulled = without_force(p)
-    if p.locate and pulled >= 0 and b.armed[events.LIFT_OFF + pulled] == 0.0:
+    if pulled >= 0 and b.armed[events.LIFT_OFF + pulled] == 0.0:
         return events.LIFT_OFF + pulled
     copy(b.values[3], b.values[0], events.N_CONTACT_EVENTS)
-    if p.locate:
-        events.arm_events(p, b.values[0])
+    events.arm_events(p, b.values[0])
     if c.method == RESCALED:
         c.xi, c.h = min(PHASE_TURNS, min(factor, RISE) * c.xi), 2.0 * dt
     else:

@@ -80,11 +80,11 @@ class Phase(NamedTuple):
     dm: Any
     modes: Any
     phase: float  # of the plate at the start [rad]
-    span: float  # [s]
+    span: float  # that the steps are chosen for [s]
+    until: float  # when to stop, at most the span: a sample takes the steps of its run [s]
     tol: float  # error per step, in units of the scales of the state
     slip_tol: float  # slip that counts as none [m/s]
     n: int  # entries of the state that are integrated
-    locate: bool  # whether events are looked for: a phase that is sampled again has none inside
     b: Any  # what its steps work on (`StepArrays`)
     control: Any
     bracket: Any  # of an event
