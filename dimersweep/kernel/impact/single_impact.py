@@ -41,6 +41,7 @@ OFF_AXIS = 0.1  # sine of the angle to an axial direction below which slip is ta
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
 # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction: motions amplify it
 ATTRACTED = 1e-4
+DIES_OUT = 0.1  # rate at which v s^2 has to die out, in units of the rate of the slip, for what it does to be known
 CONVERGES, MAX_TERMS = 0.4, 80  # ratio of the terms in closed form below which they are summed, and the most of them
 
 
@@ -116,19 +117,37 @@ def turns_away(law, c):
 def is_invariant(law, v, c, s, tol):
     """Whether slip along (c, s) keeps its direction: to rounding, or so near to an attracting one that the rates do.
 
-    Near an axial direction they change with s^2 only: v s^2 goes as exp(fade xi), and counts as a whole where it dies out.
+    Near an axial direction they change with s^2 only, and what that does while v s^2 dies out as exp(fade xi) is known
+    (`swerve`).
     """
     rate, slope = turning(law, c, s)
     fade = 2.0 * slope + law.na * c - law.mu * law.aa
-    off = s * s / -fade if abs(s) < OFF_AXIS and fade < 0.0 else abs(rate / slope)
+    near = abs(s) < OFF_AXIS and fade < -DIES_OUT * abs(law.na * c - law.mu * law.aa)
+    off = abs(s * s * s) if near else abs(rate / slope)
     return abs(rate) <= INVARIANT or (slope < 0.0 and v * off <= ATTRACTED * tol)
 
 
 @compiled
-def left_across(law, w_v, v, b, P):
-    """Lateral part b of a slip v near the axis that is left after an impulse P: it dies out as exp(-mu W_bb xi)."""
-    x = w_v * P / v
-    return b * exp(-law.mu * law.bb * P / v * (log(1.0 + x) / x if abs(x) > 1e-8 else 1.0)) if x > -1.0 else 0.0
+def swerve(law, c, v, b, P):
+    """What is left of the turning in a slip v near the axis over an impulse P: s = b / v dies out as s' = slope s in xi.
+
+    Returns
+    -------
+    S, S_1, b : float
+        Integral of s^2 / 2 over P, that of S, and the lateral slip that is left.
+    """
+    w_v, (_, slope) = law.na * c - law.mu * law.aa, turning(law, c, 0.0)
+    x, size, fade = w_v * P / v, 0.5 * b * b / v, 2.0 * slope + w_v
+    left = max(0.0, 1.0 + x)  # of v, and of s
+    dies = exp(slope * P / v * (log(left) / x if abs(x) > 1e-8 else 1.0)) if left > 0.0 else 0.0
+    S, S_1 = left * dies * dies - 1.0, left * left * dies * dies - 1.0
+    return size * S / fade, size * (v * S_1 / (fade + w_v) - P) / fade, b * left * dies
+
+
+@compiled
+def later_zero(P, change, rate):
+    """When a function that falls to zero at P, at this rate, does so if it has changed a little."""
+    return max(0.0, P - change / rate) if inf > P else inf
 
 
 @compiled
@@ -273,6 +292,8 @@ def turning_leg(law, blow, tol, work):
 def straight_leg(law, blow, c, s):
     """One leg at constant rates: sticking, or slipping along the direction (c, s); closed form.
 
+    With s = 0 and b != 0 the slip is near the axis: what is left of its turning changes all rates by little.
+
     Returns
     -------
     int
@@ -292,18 +313,24 @@ def straight_leg(law, blow, c, s):
     P = min(min(P_n, P_E), min(P_j, P_v))
     if inf == P:
         return JAMMED
-    worked = P * (n + 0.5 * w * P)
+    rub, rub_1, more, b_left = 0.0, 0.0, 0.0, b + w_b * P
+    if s == 0.0 and abs(b) > INVARIANT * v and law.mu > 0.0 and not stick:
+        S, S_1, b_left = swerve(law, c, v, b, P)
+        slower = 2.0 * law.mu * (law.aa - law.bb) - law.na * c
+        rub, rub_1, more = law.mu * c * S, law.mu * c * S_1, slower * S_1
+        P_n, P_j = later_zero(P_n, law.na * rub, w), later_zero(P_j, law.na_j * rub, w_j)
+        P_E, P_v = later_zero(P_E, -law.na * rub_1, -(n + w * P_E)), later_zero(P_v, slower * S, w_v)
+        P = min(min(P_n, P_E), min(P_j, P_v))
+    worked = P * (n + 0.5 * w * P) + law.na * rub_1
     blow.E = 0.0 if P == P_E else max(0.0, blow.E - gain(law, blow) * worked)
-    blow.n = 0.0 if P_n == P else n + w * P
-    blow.n_j = 0.0 if P_j == P else blow.n_j + w_j * P
+    blow.n = 0.0 if P_n == P else n + w * P + law.na * rub
+    blow.n_j = 0.0 if P_j == P else blow.n_j + w_j * P + law.na_j * rub
     if P_v == P:
         blow.a, blow.b = 0.0, 0.0
     elif not stick:
-        blow.a = a + w_a * P
-        turns = s == 0.0 and abs(b) > INVARIANT * v and law.mu > 0.0
-        blow.b = left_across(law, w_v, v, b, P) if turns else b + w_b * P
-    way = 0.0 if stick else P * (v + 0.5 * w_v * P)  # integral of the slip over P
-    add(blow, P, t_a * P, (blow.b - b) / law.bb, -law.mu * way)
+        blow.a, blow.b = a + w_a * P + law.aa * rub, b_left
+    way = 0.0 if stick else P * (v + 0.5 * w_v * P) + more  # integral of the slip over P
+    add(blow, P, t_a * P + rub, (blow.b - b) / law.bb, -law.mu * way)
     return OTHER if law.both > 0.0 and blow.n_j == 0.0 and w_j < 0.0 else LEG
 
 
