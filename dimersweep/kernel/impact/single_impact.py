@@ -41,7 +41,6 @@ OFF_AXIS = 0.1  # sine of the angle to an axial direction below which slip is ta
 INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
 # effect on the rates, in tolerances, of what is left of the turning towards an attracting direction: motions amplify it
 ATTRACTED = 1e-4
-DIES_OUT = 0.1  # rate at which v s^2 has to die out, in units of the rate of the slip, for what it does to be known
 CONVERGES, MAX_TERMS = 0.4, 80  # ratio of the terms in closed form below which they are summed, and the most of them
 
 
@@ -122,8 +121,7 @@ def is_invariant(law, v, c, s, tol):
     """
     rate, slope = turning(law, c, s)
     fade = 2.0 * slope + law.na * c - law.mu * law.aa
-    near = abs(s) < OFF_AXIS and fade < -DIES_OUT * abs(law.na * c - law.mu * law.aa)
-    off = abs(s * s * s) if near else abs(rate / slope)
+    off = abs(s * s * s) if abs(s) < OFF_AXIS and fade < 0.0 else abs(rate / slope)
     return abs(rate) <= INVARIANT or (slope < 0.0 and v * off <= ATTRACTED * tol)
 
 
@@ -292,8 +290,6 @@ def turning_leg(law, blow, tol, work):
 def straight_leg(law, blow, c, s):
     """One leg at constant rates: sticking, or slipping along the direction (c, s); closed form.
 
-    With s = 0 and b != 0 the slip is near the axis: what is left of its turning changes all rates by little.
-
     Returns
     -------
     int
@@ -309,29 +305,46 @@ def straight_leg(law, blow, c, s):
         w_v = w_a * c + w_b * s if law.mu > 0.0 else 0.0
     v = length(a, b)
     w, w_j = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a
-    P_n, P_E, P_j, P_v = time_to_events(law, blow, v, w, w_j, w_v)
+    times = time_to_events(law, blow, v, w, w_j, w_v)
+    P_n, P_E, P_j, P_v = times
     P = min(min(P_n, P_E), min(P_j, P_v))
     if inf == P:
         return JAMMED
-    rub, rub_1, more, b_left = 0.0, 0.0, 0.0, b + w_b * P
-    if s == 0.0 and abs(b) > INVARIANT * v and law.mu > 0.0 and not stick:
-        S, S_1, b_left = swerve(law, c, v, b, P)
-        slower = 2.0 * law.mu * (law.aa - law.bb) - law.na * c
-        rub, rub_1, more = law.mu * c * S, law.mu * c * S_1, slower * S_1
-        P_n, P_j = later_zero(P_n, law.na * rub, w), later_zero(P_j, law.na_j * rub, w_j)
-        P_E, P_v = later_zero(P_E, -law.na * rub_1, -(n + w * P_E)), later_zero(P_v, slower * S, w_v)
-        P = min(min(P_n, P_E), min(P_j, P_v))
-    worked = P * (n + 0.5 * w * P) + law.na * rub_1
-    blow.E = 0.0 if P == P_E else max(0.0, blow.E - gain(law, blow) * worked)
-    blow.n = 0.0 if P_n == P else n + w * P + law.na * rub
-    blow.n_j = 0.0 if P_j == P else blow.n_j + w_j * P + law.na_j * rub
-    if P_v == P:
-        blow.a, blow.b = 0.0, 0.0
-    elif not stick:
-        blow.a, blow.b = a + w_a * P + law.aa * rub, b_left
-    way = 0.0 if stick else P * (v + 0.5 * w_v * P) + more  # integral of the slip over P
-    add(blow, P, t_a * P + rub, (blow.b - b) / law.bb, -law.mu * way)
+    if not stick and law.mu > 0.0 and s == 0.0 and abs(b) > INVARIANT * v:
+        swerving_leg(law, blow, c, v, times)
+    else:
+        worked = P * (n + 0.5 * w * P)
+        blow.E = 0.0 if P == P_E else max(0.0, blow.E - gain(law, blow) * worked)
+        blow.n = 0.0 if P_n == P else n + w * P
+        blow.n_j = 0.0 if P_j == P else blow.n_j + w_j * P
+        if P_v == P:
+            blow.a, blow.b = 0.0, 0.0
+        elif not stick:
+            blow.a, blow.b = a + w_a * P, b + w_b * P
+        way = 0.0 if stick else P * (v + 0.5 * w_v * P)  # integral of the slip over P
+        add(blow, P, t_a * P, (blow.b - b) / law.bb, -law.mu * way)
     return OTHER if law.both > 0.0 and blow.n_j == 0.0 and w_j < 0.0 else LEG
+
+
+@compiled
+def swerving_leg(law, blow, c, v, times):
+    """One leg of a slip v near the axis along (c, 0), where what is left of its turning changes all rates by little, from the
+    times of its events without that.
+    """
+    n, a, b, t_a, (P_n, P_E, P_j, P_v) = blow.n, blow.a, blow.b, -law.mu * c, times
+    w, w_j, w_a = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a, law.na + law.aa * t_a
+    S, S_1, _ = swerve(law, c, v, b, min(min(P_n, P_E), min(P_j, P_v)))
+    slower = 2.0 * law.mu * (law.aa - law.bb) - law.na * c
+    P_n, P_j = later_zero(P_n, -law.na * t_a * S, w), later_zero(P_j, -law.na_j * t_a * S, w_j)
+    P_E, P_v = later_zero(P_E, law.na * t_a * S_1, -(n + w * P_E)), later_zero(P_v, slower * S, w_a * c)
+    P = min(min(P_n, P_E), min(P_j, P_v))
+    S, S_1, left = swerve(law, c, v, b, P)
+    A, worked = t_a * (P - S), P * (n + 0.5 * w * P) - law.na * t_a * S_1
+    blow.E = 0.0 if P == P_E else max(0.0, blow.E - gain(law, blow) * worked)
+    blow.n = 0.0 if P_n == P else n + law.nn * P + law.na * A
+    blow.n_j = 0.0 if P_j == P else blow.n_j + law.nn_j * P + law.na_j * A
+    blow.a, blow.b = (0.0, 0.0) if P_v == P else (a + law.na * P + law.aa * A, left)
+    add(blow, P, A, (blow.b - b) / law.bb, -law.mu * (P * (v + 0.5 * w_a * c * P) + slower * S_1))
 
 
 @compiled
