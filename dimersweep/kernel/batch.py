@@ -9,13 +9,15 @@ from dimersweep.kernel.event_loop import evolve, start_state
 from dimersweep.kernel.mean_path import note_path
 from dimersweep.kernel.model.body import set_dimer
 from dimersweep.kernel.model.layout import (
-    BOTH_DOWN,
     CA,
     CB,
     FREE,
     M_APERIODIC,
     M_DRIFT,
     M_FAILED,
+    M_REST,
+    M_ROLLS,
+    M_SLIDES,
     M_UNRESOLVED,
     N_CODES,
     N_OUT,
@@ -121,7 +123,7 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     status, at_rest = evolve(dm, ask, run, record)
     codes.status, codes.n_events, codes.n_periods = status, record.counts[EVENT_COUNT], int(run.state[PERIOD])
     verdict(dm, run.state, run.past[0], at_rest, ask.periods - codes.n_periods, codes, out)
-    if codes.mode in BOTH_DOWN:
+    if codes.mode == M_REST or codes.mode == M_ROLLS or codes.mode == M_SLIDES:
         out.orbit[V_SPEED] = length(run.state[CA], run.state[CB])
     if status != OK:
         note_failure(status, out, codes)

@@ -84,7 +84,13 @@ def sustain_in_chart(p, y):
     events.arm_events(p, b.values[0])
     least_value(p, b.start, b.values[0])
     natural = eighth_root(p.tol)
-    c.time, c.natural, c.h, c.xi = 0.0, natural, FIRST_PHASE_STEP * natural * p.dm.period, FIRST_RESCALED * natural
+    c.cut, c.time, c.natural, c.h, c.xi = (
+        False,
+        0.0,
+        natural,
+        FIRST_PHASE_STEP * natural * p.dm.period,
+        FIRST_RESCALED * natural,
+    )
     if without_force(p) >= 0:
         c.h = MOMENT / motion_rate(p.dm, b.start.y)  # the time after which the force was found to press
     if b.start.F[COMPLIANCE] <= 0.0:
@@ -112,8 +118,12 @@ def step_on(p):
     if event != GOES_ON:
         return event
     choose_step(p)
+    if c.cut:  # no event comes so early
+        c.method, c.size = PLAIN_METHOD if c.method == PLAIN_METHOD else IMPLICIT, p.until - c.time
     error = step_control.step_to(p, c.now, c.size)
     factor = step_factor(error)
+    if c.cut:
+        return end_cut_step(p, error)
     if not error <= 1.0 or (c.method == RESCALED and out.y[Y.time] > p.span - c.time):
         return shorten(p, 0.3 if error == inf else min(factor, 0.8))
     b.armed[JAM] = 1.0 if min(start.F[COMPLIANCE], out.F[COMPLIANCE]) < TIGHT else 0.0
@@ -122,7 +132,8 @@ def step_on(p):
     if may_hide_event(p, least, event):
         return GOES_ON
     if p.until < p.span and c.time + out.y[Y.time] > p.until:
-        return stop_short(p)
+        c.cut = True
+        return GOES_ON
     if least <= 0.0:
         return stop_at_event(p, least, event)
     return accept_step(p, factor)
@@ -297,17 +308,14 @@ def stop_at_event(p, least, event):
 
 
 @compiled
-def stop_short(p):
-    """Go to the time that is asked for, within the step past it, which has no event so early; returns NO_EVENT, or GOES_ON if
-    that takes more steps.
-    """
-    c, size = p.control, p.until - p.control.time
-    c.method = PLAIN_METHOD if c.method == PLAIN_METHOD else IMPLICIT
-    if step_control.step_to(p, c.now, size) <= 1.0:
+def end_cut_step(p, error):
+    """End the phase with a step to the time that it is wanted until; GOES_ON if that takes more steps."""
+    c = p.control
+    if error <= 1.0:
         go_to_end(p)
         c.time = p.until
         return events.NO_EVENT
-    c.h, c.xi = 0.5 * size, 0.5 * c.xi
+    c.cut, c.h, c.xi = False, 0.5 * c.size, 0.5 * c.xi
     return GOES_ON
 
 

@@ -71,6 +71,7 @@ class Control:
     method: int  # of the step
     size: float  # of the step, in the unit of its method
     last: bool  # whether the step ends the span
+    cut: bool  # whether it goes no further than the phase is wanted: a longer one has passed that
     doubt: float  # what works in a step may be off, where they are wanted [J]
 
 

@@ -333,12 +333,11 @@ def swerving_leg(law, blow, c, v, times):
     """
     n, a, b, t_a, (P_n, P_E, P_j, P_v) = blow.n, blow.a, blow.b, -law.mu * c, times
     w, w_j, w_a = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a, law.na + law.aa * t_a
-    S, S_1, _ = swerve(law, c, v, b, min(min(P_n, P_E), min(P_j, P_v)))
+    S, S_1, left = swerve(law, c, v, b, min(min(P_n, P_E), min(P_j, P_v)))
     slower = 2.0 * law.mu * (law.aa - law.bb) - law.na * c
     P_n, P_j = later_zero(P_n, -law.na * t_a * S, w), later_zero(P_j, -law.na_j * t_a * S, w_j)
     P_E, P_v = later_zero(P_E, law.na * t_a * S_1, -(n + w * P_E)), later_zero(P_v, slower * S, w_a * c)
     P = min(min(P_n, P_E), min(P_j, P_v))
-    S, S_1, left = swerve(law, c, v, b, P)
     A, worked = t_a * (P - S), P * (n + 0.5 * w * P) - law.na * t_a * S_1
     blow.E = 0.0 if P == P_E else max(0.0, blow.E - gain(law, blow) * worked)
     blow.n = 0.0 if P_n == P else n + law.nn * P + law.na * A

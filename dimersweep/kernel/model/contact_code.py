@@ -27,7 +27,7 @@ def digits_of(code: Any) -> tuple[Any, Any]:
 @compiled
 def impact_digit(on, mode):
     """Digit of an end with this friction mode in a phase of an impact; `on`: the impact acts on it, b_i of (8) is set."""
-    return int(mode) + (IMPACT if on else FREE)
+    return float(mode) + (IMPACT if on else FREE)
 
 
 def contact_state_name(code: int) -> str:

@@ -186,7 +186,7 @@ def orbit_slope(past, k, n):
 @compiled
 def fitted(past):
     """Number of double events in the fit of an orbit's drift."""
-    return min(FIT, int(past.n_doubles) - 1, RING - 1)
+    return min(min(FIT, RING - 1), int(past.n_doubles) - 1)
 
 
 @compiled
@@ -241,7 +241,9 @@ def change_ahead(dm, past, left):
         n, unit = fitted(past), dm.g / dm.omega
         turning = relative_pace(past, V_RATE, n, STRAIGHT * dm.omega)
         moving = relative_pace(past, V_SPEED, n, SLOW_SPEED * unit)
-        pace = max(pace, abs(turning), abs(moving), abs(moving - turning))  # of the period, the speed and the radius
+        pace = max(
+            max(pace, abs(turning)), max(abs(moving), abs(moving - turning))
+        )  # of the period, the speed and the radius
         pace = max(pace, abs(orbit_slope(past, V_PHASE, n)))
         angle = abs(orbit_slope(past, V_ZETA, n))
         if angle > pace:  # a dimer that stands has none
