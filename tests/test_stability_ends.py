@@ -35,6 +35,15 @@ def test_a_random_dimer_drifts_between_its_fold_and_the_end_of_its_stability(see
     assert inner == "stable" and outer in ("unstable", "none")
 
 
+@pytest.mark.parametrize(("seed", "Gamma"), [(1, 1.22200992), (45, 1.13401395)])
+def test_a_flip_beyond_changes_of_section_and_of_the_sense_of_the_parameter_is_found(seed, Gamma):
+    """Where the section is changed the sense of the branch is that of a motion a little ahead, not that of the parameter."""
+    dimer = random_dimer(seed)
+    flip = orbits.border("flip", "Gamma", over={"e": [dimer["e"]]}, **dimer_without_e(dimer)).isel(e=0)
+    assert flip["Gamma"] == pytest.approx(Gamma, abs=1e-7)
+    assert flip["loses_stability"]
+
+
 def test_the_ends_of_stability_of_the_base_case_are_its_fold_and_its_flip():
     e = [0.55, 0.6, 0.7]
     for kind, end in (("fold", "stable_from"), ("flip", "stable_to")):

@@ -4,20 +4,25 @@ Of each dimer (as in `borders_random.py`; every second has unlike ends) the sust
 fold. From 3 % below and above each of them two runs begin. Over six of its slow times, if one is at most `--most` forcing
 periods, they come to it within 1e-4, or leave it where it repels; else they are as long as a tenth of `--most`, and the change
 of the spin is compared. Where the spin is held at an end of the family, runs from 0.5 % to both sides stay as near. With
-``--later`` a motion is followed for so many periods by `later` and by a run. It ends with 1 if a run says otherwise.
+``--later`` a motion is followed for so many periods by `later` and by a run. With ``--attractors`` so many starts of each are
+parted by `attractors(slow=True)`, and by runs of 400,000 periods: those of one attractor have come nearer to its spin, or are
+all of its mode. It ends with 1 if a run says otherwise.
 """
 
 import argparse
 import sys
+from contextlib import suppress
 
 import numpy as np
 
-from dimersweep import orbits
+from dimersweep import attractors, orbits, simulate
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.kinds import ball_fold
 from tests.checks.dimers import random_dimer
 
-SLOW_TIMES, ASIDE, ALIKE, CHANGE_ALIKE, HELD = 6, 0.03, 1e-4, 0.01, 0.005
+BASIN = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 0.005, "r_2": 0.0051}  # unlike ends: three slow fates
+RANGES, SETTLED, LONG = {"beta0": (-1.2, 1.2), "xdot0": (-2, 2), "phi0": (0, 6.28)}, 300, 400_000
+SLOW_TIMES, ASIDE, ALIKE, CHANGE_ALIKE, HELD, AT_REST = 6, 0.03, 1e-4, 0.01, 0.005, 1e-3
 
 
 def dimer_of(seed):
@@ -34,7 +39,9 @@ def spin_of(run):
     """The spin that a run has come to, of motions that are no drift if it is recorded; NaN where it does not repeat."""
     if run.orbit or not (run.mode_period and run.record_cut == ""):
         return run.orbit.spin if run.orbit else np.nan
-    return orbits.find(guess=run, periods=run.mode_period).spin
+    with suppress(OrbitError):  # such as for a motion that jumps to and fro beside an orbit
+        return orbits.find(guess=run, periods=run.mode_period).spin
+    return np.nan
 
 
 def beside(spin, share, begin, dimer):
@@ -79,8 +86,30 @@ def followed(begin, dimer, periods):
     later = orbits.later(orbit, periods=periods)
     cost, run = orbit.fixed.map.recorder.periods - cost, orbit.run(periods, record=False)
     there = spin_of(run)
-    right = abs(later.spin / there - 1) < ALIKE if np.isfinite(there) else later.mode in ("", run.mode)
+    right = (
+        abs(later.spin - there) < ALIKE * max(abs(there), AT_REST)
+        if np.isfinite(there)
+        else later.mode in ("", run.mode)
+    )
     return f"{later.spin:.6f} {later.mode} for {cost:.0f} periods, the run {there:.6f} {run.mode}", bool(right)
+
+
+def parted(dimer, starts):
+    """For each attractor of a dimer what its starts have come to by runs, and whether they agree."""
+    found = attractors(RANGES, dimer, starts=starts, seed=1, periods=SETTLED, slow=True, progress=False)
+    for number in found["attractor"].values:
+        row, ends, right = found.sel(attractor=number), [], True
+        fate, low, high = str(row["fate"].values), float(row["spin_low"]), float(row["spin_high"])
+        for k in np.flatnonzero(found["basin"].values == number):
+            start = dimer | {name: float(found[name][k]) for name in RANGES}
+            first, last = (simulate(**start, periods=periods, record=False) for periods in (SETTLED, LONG))
+            before, after = (one.orbit.spin if one.orbit else np.nan for one in (first, last))
+            away = [max(abs(low) - abs(spin), abs(spin) - abs(high), 0.0) for spin in (before, after)]
+            moves = away[1] <= max(away[0], ALIKE * abs(low))
+            kept = fate if np.isnan(low) else row["mode"]  # of those that are no drift
+            right &= bool(moves) if np.isfinite(low + after) else last.mode == kept
+            ends.append(f"{before:.4g} to {after:.4g}" if np.isfinite(after) else last.mode)
+        yield f"{fate} {low:.5g} to {high:.5g} of {len(ends)}: {', '.join(sorted(set(ends)))}", right
 
 
 def main():
@@ -90,7 +119,16 @@ def main():
     parser.add_argument("--first", type=int, default=0, help="number of the first dimer")
     parser.add_argument("--most", type=float, default=1e5, help="slow time up to which runs go on to the spin")
     parser.add_argument("--later", type=int, default=0, help="forcing periods of `later`, in place of sustained spins")
+    parser.add_argument("--attractors", type=int, default=0, help="starts of each, in place of sustained spins")
     given, wrong = parser.parse_args(), 0
+    if given.attractors:
+        for seed in range(given.first - 1, given.first + given.dimers):
+            dimer = BASIN if seed < 0 else dimer_of(seed)[1]
+            for told, right in parted(dimer, given.attractors):
+                wrong += not right
+                print(f"{seed:3} {told}{'' if right else ' NOT AS TOLD'}", flush=True)
+        print(f"{wrong} not as told")
+        return int(wrong > 0)
     for seed in range(given.first, given.first + given.dimers):
         begin, dimer = dimer_of(seed)
         try:
@@ -103,7 +141,7 @@ def main():
         except OrbitError as reason:
             print(f"{seed:3} {reason}", flush=True)
             continue
-        for k in np.flatnonzero((found["spin"] > 1e-3) & (found["kind"] != "cycle")):
+        for k in np.flatnonzero((found["spin"] > AT_REST) & (found["kind"] != "cycle")):
             row, spin = found.isel(sustained=int(k)), float(found["spin"][k])
             share = HELD if row["kind"] == "end" else ASIDE
             told, right = judged(spin, row, beside(spin, share, begin, dimer), given.most)

@@ -241,10 +241,9 @@ def _moved(point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
     )  # what is a fixed point in one section is one that drifts slowly in another
     slope = slope_of(axis, moved, z, point.value / axis.scale)
     near = Point(axis, fixed, point.value, slope, np.zeros(z.size + 1))
-    turns = abs(point.tangent[-1])
-    normal = np.eye(z.size + 1)[-1] if turns >= NEAR_TURN else np.linalg.svd(near.matrix())[2][-1]
-    sense = _ahead(point, moved, z) if turns < moved.step else point.tangent[-1]
-    return near.on_plane(near.y, normal).towards(sense)
+    turns = abs(point.tangent[-1]) < NEAR_TURN
+    normal = np.linalg.svd(near.matrix())[2][-1] if turns else np.eye(z.size + 1)[-1]
+    return near.on_plane(near.y, normal).towards(_ahead(point, moved, z))
 
 
 def _ahead(point: Point, moved: ReturnMap, z: np.ndarray) -> np.ndarray:
