@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dimersweep import attractors, orbits
+from dimersweep import attractors, orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 
 # a spin whose slow time is short; a cycle of the spin between two motions; one that lies between the ends of sheets
@@ -162,6 +162,20 @@ def test_starts_are_told_apart_by_where_their_spin_goes(mirror):
     assert sorted(drifts["spin_low"].values) == pytest.approx(spins, abs=1e-3)
     assert (drifts["spin_low"] == drifts["spin_high"]).all()
     assert np.abs(drifts["spin"].values) == pytest.approx(216.236, abs=1e-3)
+
+
+def test_a_motion_in_which_both_ends_stick_keeps_any_spin():
+    """Jumps of a dimer that come to one motion at the spins that they are left with."""
+    jumping = {"r": 0.0062, "A_r": 8.6, "f": 26.1, "mu": 0.223, "mu_s": 0.318, "e": 0.513, "Gamma": 1.163}
+    starts = {"beta0": [0.3, 0.5, 0.1], "gammadot0": [-80.0, 40.0, 20.0]}
+    found = attractors(points=starts, fixed=jumping, periods=400, slow=True, progress=False)
+    jumps = found.isel(attractor=found["mode"].values == "jump").squeeze()
+    assert (str(jumps["fate"].values), float(jumps["spin_high"])) == ("kept", np.inf)
+    start = {name: values[int(jumps["representative"])] for name, values in starts.items()}
+    orbit = orbits.find(guess=simulate(**jumping, **start, periods=400))
+    assert abs(orbit.spin) > 1 and orbits.later(orbit, periods=np.inf).spin == orbit.spin
+    end = orbit.run(3000).states([3000 / jumping["f"]]).isel(time=0)
+    assert float(end["gamma_rate"] + end["theta_rate"] * np.sin(end["beta"])) == pytest.approx(orbit.spin, rel=1e-9)
 
 
 def test_where_the_drift_dies_a_motion_comes_to_rest():

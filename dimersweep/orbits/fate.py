@@ -125,6 +125,8 @@ def _within_family(stretches: list[Stretch], spin: float, periods: float) -> flo
 
 def _after(orbit: PeriodicOrbit, periods: float) -> Later:
     """The motion some periods after it was on an orbit."""
+    if orbit.spin_drift == 0.0:  # both ends stick in all that happens
+        return Later(orbit.spin, orbit.radius, orbit.period, orbit.zeta)
     flow = flow_of(orbit, whole=periods < 0)
     if periods < 0:
         sheet = flow.sheets[flow.sheet_of(orbit)]

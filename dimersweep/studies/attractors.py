@@ -129,7 +129,8 @@ def attractors(
         along `start`; `mode`, `periods` and `word`; whether its `orbit` was found where the run of the representative ends,
         and the numbers of that, NaN without one: `spin`, `radius`, `period`, `zeta`, `speed`, `multipliers_real` and others.
         `basin` has the attractor of each start. With `slow` the orbit is that to which the spin comes; `fate`, `spin_low` and
-        `spin_high` are `kind` and spins of `orbits.sustained`; for those that leave the family, `fate` is the mode.
+        `spin_high` are `kind` and spins of `orbits.sustained`; `fate` is "kept" where no spin changes, and the mode for those
+        that leave the family.
         With `over`, along `change`: which attractor appears or goes, between which values, and the `border` that `orbits` has
         for it on the way. The attribute `cost` is the number of forcing periods of the runs of all starts.
 

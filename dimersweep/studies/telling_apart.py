@@ -19,6 +19,7 @@ from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.solving import RunSettings, exactly, run_row
 
 ONE_FATE = 1e-3  # by which spins, speeds and impact phases of one may differ, as a share and in their units
+NEUTRAL = "kept"  # the fate of a spin that nothing changes
 
 
 class Fate(NamedTuple):
@@ -27,7 +28,7 @@ class Fate(NamedTuple):
     Attributes
     ----------
     kind : str
-        As of `orbits.sustained`; the mode of a run that has left the family.
+        As of `orbits.sustained`; "kept" where nothing changes the spin; the mode of a run that has left the family.
     low, high : float
         Spins between which it is there [rad/s]; NaN without an orbit.
     orbit : PeriodicOrbit or None
@@ -44,7 +45,7 @@ def alike(a: Fate | None, b: Fate | None) -> bool:
     """Whether two fates are one, or both unknown."""
     if a is None or b is None:
         return a is b
-    if a.orbit is None or b.orbit is None:
+    if a.orbit is None or b.orbit is None or a.kind == NEUTRAL:
         return a.kind == b.kind
     here, there = ((one.low, one.high, orbit.speed, orbit.impact_phase) for one, orbit in ((a, a.orbit), (b, b.orbit)))
     return a.kind == b.kind and np.allclose(here, there, rtol=ONE_FATE, atol=ONE_FATE)
@@ -184,7 +185,8 @@ class Classifier:
                     members.append(start)
             for fate, members in parts:
                 part = self._of_fate(attractor, fate, members)
-                home = [k for k, one in enumerate(found) if fate is not None and alike(one.fate, fate)]
+                own = fate is None or fate.kind == NEUTRAL  # what is known of no other attractor's
+                home = [] if own else [k for k, one in enumerate(found) if alike(one.fate, fate)]
                 if home:
                     found[home[0]] = found[home[0]].joined_by(part)
                 else:
@@ -201,6 +203,8 @@ class Classifier:
             periods = attractor.features.periods
             m, state = at_end(self.parameters(start), self.results["end"][start], periods, RTOL, self.recorder)
             orbit = orbit_through(*settled_on(m, state, periods))
+            if orbit.spin_drift == 0.0:  # both ends stick in all that happens
+                return Fate(NEUTRAL, 0.0 if self.mirrors.plane else -np.inf, np.inf, orbit)
             if (orbit.spin < 0) not in flows:
                 flows[orbit.spin < 0] = flow_of(orbit)
             fate = flows[orbit.spin < 0].fate(orbit)
