@@ -84,13 +84,8 @@ def sustain_in_chart(p, y):
     events.arm_events(p, b.values[0])
     least_value(p, b.start, b.values[0])
     natural = eighth_root(p.tol)
-    c.cut, c.time, c.natural, c.h, c.xi = (
-        False,
-        0.0,
-        natural,
-        FIRST_PHASE_STEP * natural * p.dm.period,
-        FIRST_RESCALED * natural,
-    )
+    c.cut, c.time, c.natural = False, 0.0, natural
+    c.h, c.xi = FIRST_PHASE_STEP * natural * p.dm.period, FIRST_RESCALED * natural
     if without_force(p) >= 0:
         c.h = MOMENT / motion_rate(p.dm, b.start.y)  # the time after which the force was found to press
     if b.start.F[COMPLIANCE] <= 0.0:
