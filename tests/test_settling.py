@@ -106,7 +106,7 @@ def test_a_drift_that_spirals_in_is_no_motion_of_three_periods():
 
 
 def longest_flight(run, end, since):
-    """Longest time from when an end leaves the plate to its next hit, in forcing periods."""
+    """Longest time from when an end leaves the plate to its next hit, or to the end of the run, in forcing periods."""
     events = run.events.to_dataframe().groupby("time", as_index=False).agg(
         {"contact_after": "last", f"impulse_{end}": "max"}
     )  # fmt: skip
@@ -114,9 +114,9 @@ def longest_flight(run, end, since):
     hit = events[f"impulse_{end}"] > 0
     leaves = events["time"][(hit | closed.shift(fill_value=True)) & ~closed].to_numpy()
     lands = events["time"][hit | closed].to_numpy()  # a chatter ends where its bounces have accumulated
-    back = np.searchsorted(lands, leaves, side="right")
-    known = back < lands.size
-    hops, ends = lands[back[known]] - leaves[known], lands[back[known]]
+    lands = np.append(lands, run.duration)
+    ends = lands[np.minimum(np.searchsorted(lands, leaves, side="right"), lands.size - 1)]
+    hops = ends - leaves
     return float(hops[ends > since].max(initial=0.0)) * run.parameters["f"]
 
 
