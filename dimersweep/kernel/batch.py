@@ -123,6 +123,7 @@ def run_to_verdict(dm, ask, run, record, out, codes):
     status, at_rest = evolve(dm, ask, run, record)
     codes.status, codes.n_events, codes.n_periods = status, record.counts[EVENT_COUNT], int(run.state[PERIOD])
     verdict(dm, run.state, run.past[0], at_rest, ask.periods - codes.n_periods, codes, out)
+    # one of BOTH_DOWN: `in` has Numba compile functions of its own
     if codes.mode == M_REST or codes.mode == M_ROLLS or codes.mode == M_SLIDES:
         out.orbit[V_SPEED] = length(run.state[CA], run.state[CB])
     if status != OK:

@@ -256,8 +256,9 @@ def end_period(dm, ask, motion, record):
         course.status = layout.NOT_FINITE
         return
     note_period(dm, state, modes, motion.past[0])
-    course.slip_tol, course.contact_is_set = smooth_motion.no_slip(dm, state, ask.rtol), True
-    smooth_motion.set_contact(dm, state, modes, motion.contact)
+    course.contact_is_set = modes[0] != layout.FREE or modes[1] != layout.FREE
+    if course.contact_is_set:  # by the slip that the row of the phase has
+        smooth_motion.resume_contact(dm, motion, ask.rtol)
     note_segment(record, motion, 0.0)
     if ask.settle and (
         rests_for_good(dm, motion) or stays_as_it_is(dm, motion.past[0], ask.periods - int(state[PERIOD]))

@@ -33,7 +33,7 @@ from dimersweep.kernel.model.plate import start_later
 from dimersweep.kernel.numerics.meter import set_bound
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import BEFORE, SEGMENT_HOP_TIME, SEGMENT_MODES, SEGMENT_SLIP
-from dimersweep.kernel.smooth_motion import no_slip, only_grazes, set_contact
+from dimersweep.kernel.smooth_motion import only_grazes, resume_contact, set_contact
 from dimersweep.kernel.verdict.past import begin_past
 
 EARLY = 10.0  # x rtol: how much sooner than the run a sample may find the end of a slip [rad]
@@ -95,12 +95,12 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes, for
             begin_contact(dm, motion, segment, rtol)
             if span > 0.0:
                 status = move_contact(dm, motion, span, rtol)
-        if status == OK and not free and forces.shape[0] > 0:
-            note_forces(dm, motion, forces[k])
         if status != OK:
             for j in range(N_STATE):
                 state[j] = nan
             worst = status
+        elif not free and forces.shape[0] > 0:
+            note_forces(dm, motion, forces[k])
     return worst
 
 
@@ -170,8 +170,7 @@ def begin_contact(dm, motion, segment, rtol):
     that were saved by an earlier version have none (nan).
     """
     y, slip_a, slip_b = motion.contact, segment[SEGMENT_SLIP], segment[SEGMENT_SLIP + 1]
-    motion.course[0].slip_tol = no_slip(dm, motion.state, rtol)
-    set_contact(dm, motion.state, motion.modes, y)
+    resume_contact(dm, motion, rtol)
     if y[Y.chart] == BY_HEADING and slip_a == slip_a:
         y[Y.u_a], y[Y.u_b] = slip_a, slip_b
 

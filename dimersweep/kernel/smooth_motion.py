@@ -70,8 +70,7 @@ def move_to_next_event(dm, ask, motion):
     else:
         charge(motion.meter, CONTACT_COST)
         if not course.contact_is_set:
-            course.slip_tol = no_slip(dm, motion.state, ask.rtol)
-            set_contact(dm, motion.state, modes, motion.contact)
+            resume_contact(dm, motion, ask.rtol)
         event = follow_contact(dm, ask, motion)
     course.contact_is_set = False
     return event
@@ -102,6 +101,13 @@ def touch(dm, state, i):
     state[D1 + i] = 0.0
     if state[D1] == 0.0 and state[D2] == 0.0:
         state[DIP] = 0.0
+
+
+@compiled
+def resume_contact(dm, motion, rtol):
+    """Set the contact state, and the slip that counts as none, of a phase under way."""
+    motion.course[0].slip_tol = no_slip(dm, motion.state, rtol)
+    set_contact(dm, motion.state, motion.modes, motion.contact)
 
 
 @compiled(inline=True)
