@@ -9,7 +9,7 @@ from dimersweep.kernel.contact.coordinates import Y
 from dimersweep.kernel.energy import Book, new_book
 from dimersweep.kernel.model.body import contact_velocity
 from dimersweep.kernel.model.event_row import E_KIND, N_EVENT, write_moment, write_phase
-from dimersweep.kernel.model.layout import C_CHATTER_END, C_IMPACT, C_SLIP, C_STICK, CB, N1, N_STATE
+from dimersweep.kernel.model.layout import C_CHATTER_END, C_IMPACT, C_SLIP, C_STICK, CB, N1, N_STATE, PERIOD
 from dimersweep.kernel.numerics.steps import copy
 
 # columns of a segment: the state, the friction modes of the phase that starts from it; where the close of a chatter leads to
@@ -31,18 +31,20 @@ class Record(NamedTuple):
     events: Any  # shape (n, N_EVENT)
     segments: Any  # shape (n, N_SEGMENT)
     counts: Any  # shape (N_COUNTS,), int64
+    strobes: Any  # states at the ends of the first n forcing periods, shape (n, N_STATE), wanted apart from all else
     book: Book  # the works of the forces beside it
 
 
-def new_record(rows: int, phases: int = PHASES, *, works: bool = False) -> Record:
-    """An empty record with room for so many events, as many smooth phases, and so many phases of one impact."""
-    log, counts = np.zeros((phases, N_EVENT)), np.zeros(N_COUNTS, np.int64)
-    return Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts, new_book(rows if works else 0))
+def new_record(rows: int, phases: int = PHASES, *, works: bool = False, strobes: int = 0) -> Record:
+    """An empty record with room for so many events, as many smooth phases, so many phases of one impact, so many strobes."""
+    log, counts, ends = np.zeros((phases, N_EVENT)), np.zeros(N_COUNTS, np.int64), np.zeros((strobes, N_STATE))
+    book = new_book(rows if works else 0)
+    return Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts, ends, book)
 
 
-def no_record() -> Record:
-    """A record that keeps nothing but the counts."""
-    return new_record(0, 0)
+def no_record(strobes: int = 0) -> Record:
+    """A record that keeps nothing but the counts, and so many strobes."""
+    return new_record(0, 0, strobes=strobes)
 
 
 def rows_of(record: Record) -> tuple[np.ndarray, np.ndarray]:
@@ -60,7 +62,7 @@ def without_rows(record):
     """A record that keeps nothing, with the same counts."""
     book = record.book
     none = Book(book.smooth[:0], book.flows[:0], book.ends[:0], book.struck[:0], book.leads[:0])
-    return Record(record.log[:0], record.events[:0], record.segments[:0], record.counts, none)
+    return Record(record.log[:0], record.events[:0], record.segments[:0], record.counts, record.strobes[:0], none)
 
 
 @compiled
@@ -128,6 +130,14 @@ def note_segment(record, motion, hop_time):
         for k in range(N1, CB + 1):
             row[BEFORE + k - N1] = motion.before[k]
         row[SEGMENT_SLIP], row[SEGMENT_SLIP + 1] = motion.contact[Y.u_a], motion.contact[Y.u_b]
+
+
+@compiled(inline=True)
+def note_period_end(record, state):
+    """Write the state at the end of a forcing period, where there is room for it."""
+    n = int(state[PERIOD])
+    if n <= record.strobes.shape[0]:
+        copy(state, record.strobes[n - 1], N_STATE)
 
 
 @compiled(inline=True)

@@ -1,7 +1,7 @@
 """How runs are made: their length and accuracy, one run with its record and its end, many that are given time to settle."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import NamedTuple, TypedDict
 
 import numpy as np
 
@@ -112,6 +112,13 @@ class RunEnd(NamedTuple):
     past: np.ndarray
 
 
+class Kept(TypedDict, total=False):
+    """What `run_row` keeps of a run besides its end."""
+
+    record: bool
+    strobes: bool
+
+
 class Solved(NamedTuple):
     """What the kernel gives of one run.
 
@@ -124,6 +131,8 @@ class Solved(NamedTuple):
         Forcing periods that were run.
     start : ndarray, shape (1, N_START), or None
         State and friction modes that it started from; None for the start of its parameters.
+    strobes : ndarray, shape (n, N_STATE)
+        States at the ends of its forcing periods, if these were wanted.
     """
 
     out: np.ndarray
@@ -132,6 +141,7 @@ class Solved(NamedTuple):
     end: RunEnd
     cost: int
     start: np.ndarray | None
+    strobes: np.ndarray
 
     @property
     def onward(self) -> np.ndarray | None:
@@ -150,6 +160,7 @@ def run_row(
     space: Workspace,
     *,
     record: bool = False,
+    strobes: bool = False,
     past: np.ndarray | None = None,
 ) -> Solved:
     """One point, made anew for twice as many periods until it has settled, as `how` says; the last of these runs.
@@ -167,6 +178,8 @@ def run_row(
     space : Workspace
         Scratch arrays, which may be stopped.
     record : bool
+    strobes : bool
+        Whether the states at the ends of its forcing periods are wanted; x1, y1 and gamma of these mean nothing.
     past : ndarray, optional
         Of the run that goes on.
 
@@ -194,15 +207,16 @@ def run_row(
             full, (events, segments) = was_full(made), rows_of(made)
             begun = np.zeros((0, N_START)) if start is None else start
             kept = RunRecord(row, how.rtol, events.copy(), segments.copy(), full, begun)
-        if full or not record:
-            run(periods, no_record())
+        ends = no_record(periods if strobes else 0)
+        if full or not record or strobes:
+            run(periods, ends)
         cost += int(codes[0, CODE_N_PERIODS])
         if codes[0, CODE_MODE] != M_UNRESOLVED:
             break
     end = RunEnd(
         np.concatenate([space.state, space.modes])[None], space.past.view(np.float64).reshape(PAST_SHAPE).copy()
     )
-    return Solved(out[0], codes[0], kept, end, cost, start)
+    return Solved(out[0], codes[0], kept, end, cost, start, ends.strobes[: codes[0, CODE_N_PERIODS]])
 
 
 def go_on(

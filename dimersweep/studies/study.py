@@ -14,7 +14,7 @@ from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.runs.carrying import carried
 from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently
-from dimersweep.studies.observers import Observer, Ran
+from dimersweep.studies.observers import Observer, Ran, kept_of
 
 MOST_PARTS = 200  # that are timed
 MOST_OF_LINE = 20  # values of a line that are timed
@@ -97,7 +97,8 @@ class Study:
     @property
     def by_blocks(self) -> bool:
         """Whether the cube may be larger than memory, made block by block: that of a grid with one value a variable."""
-        return not (self.own_fields or self.grid.columns or any(each.along for each in self.fields))
+        one_number = all(each.along is None and "S" not in each.type for each in self.fields)
+        return one_number and not (self.own_fields or self.grid.columns)
 
     @property
     def size(self) -> int:
@@ -142,6 +143,11 @@ class Study:
             done += len(ran.results)
         return done - done % self.line
 
+    def check_here(self) -> None:
+        """See `Work`."""
+        for observer in self.observers:
+            observer.check_here()
+
     def observed(self, ran: Ran, space: Workspace) -> bool:
         """Have the observers look at runs; whether they came to their end."""
         for observer in self.observers:
@@ -151,7 +157,7 @@ class Study:
     def _runs(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
         """Run `points`, from the first one on; where a state is carried, in whole lines."""
         rows = self.grid.rows_at(points)
-        if "direction" in self.grid.axes or any(observer.needs_ends for observer in self.observers):
+        if "direction" in self.grid.axes or any(observer.needs for observer in self.observers):
             for first in range(0, points.size, self.line):
                 line = slice(first, first + self.line)
                 way = -1 if self.grid.values(points[first]).get("direction") else 1
@@ -164,10 +170,10 @@ class Study:
 
     def _carried(self, rows: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
         """Run the points of one line, or a point alone, each from the state in which the one before it has ended."""
-        for k, solved in enumerate(carried(rows, self.how, space)):
+        for k, solved in enumerate(carried(rows, self.how, space, **kept_of(self.observers))):
             here = slice(k, k + 1)
             results["out"][here], results["codes"][here] = solved.out, solved.codes
-            yield Ran(rows[here], self.how, results[here], solved.start, solved.onward)
+            yield Ran(rows[here], self.how, results[here], solved)
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """What is to be run, one batch after the other; the study of the last one labels all results.

@@ -1,0 +1,446 @@
+"""Observers of a user's own: what they declare, what tells one from another, and what they make of each run."""
+
+import json
+import reprlib
+import sys
+from abc import abstractmethod
+from collections import namedtuple
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache, partial
+from importlib import import_module
+from pathlib import Path
+from types import FunctionType
+from typing import Any, ClassVar, NamedTuple, TypeVar
+
+import numpy as np
+
+from dimersweep.cubes.results import OBSERVER_FAILED, RESULT, Along, Field
+from dimersweep.errors import ParameterError, one_line, unknown
+from dimersweep.inputs import as_number, as_numbers, check_count
+from dimersweep.kernel.batch import Workspace, is_stopped
+from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.layout import CODE_STATUS, CODES, OK, OUT, ROW, State
+from dimersweep.parameters import Parameters, reduced
+from dimersweep.runs.recorded import named_state
+from dimersweep.runs.run import as_run
+from dimersweep.runs.solving import RunSettings, Solved, check_recorded, run_row
+from dimersweep.studies.fingerprint import code_of
+from dimersweep.studies.observers import MAX_NUMBERS, Observer, Ran, kept_of
+from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
+
+DECLARED = "observer_variables"  # attribute of what `observer` has marked
+MESSAGE_BYTES = 100  # of what is kept of an error
+WHY = Field("observer_error", QUANTITIES["observer_error"], f"S{MESSAGE_BYTES}", about="status")
+RECORDED = "a run that an observer looks at; a compiled one needs no record"
+
+F = TypeVar("F")
+
+
+class PeriodEnd(NamedTuple):
+    """What a compiled observer is given of the end of a forcing period; gaps, angles and their rates as in `Run.states`."""
+
+    n: float  # forcing periods since the start
+    gap_1: float  # [m]
+    gap_2: float
+    gap_1_rate: float  # [m s-1]
+    gap_2_rate: float
+    beta: float  # [rad]
+    beta_rate: float  # [rad s-1]
+    theta: float
+    theta_rate: float
+    spin: float  # axial spin gamma' + theta' sin(beta) [rad s-1]
+    velocity_along: (
+        float  # of the centre of mass relative to the plate: along the axis from p1 to p2, and across it [m s-1]
+    )
+    velocity_across: float
+
+
+# what it is given of the run: its parameters, its codes and its numbers, all floats
+RunFacts: Any = namedtuple("RunFacts", ROW + CODES + OUT)  # type: ignore[misc]
+
+
+# --- what an observer declares ------------------------------------------------------------------------------------------
+
+
+def observer(**variables: Mapping[str, Any]) -> Callable[[F], F]:
+    """Declare what a function makes of each run of a sweep: ``sweep(..., observe=f)``; see docs/observers.md.
+
+    Parameters
+    ----------
+    **variables : mapping
+        For each name that the function gives: `units` ("1" if none), `long_name`, and for an array of one dimension `along`, a
+        mapping with the `name` of the dimension, its `values` or their number, and perhaps their `units` and `long_name`.
+
+    Returns
+    -------
+    callable
+        Marks a function, a dataclass that can be called, or a function that `numba.njit` has compiled, and returns it. The
+        function is called with a `Run`, and returns a mapping of names to numbers; what it leaves out is missing (NaN).
+
+    Raises
+    ------
+    ParameterError
+        If a declaration is not as it must be.
+
+    Examples
+    --------
+    >>> from dimersweep import observer, sweep
+    >>> @observer(lowest={"units": "rad", "long_name": "least dip angle in the last period"})
+    ... def lowest_dip(run):
+    ...     times = run.duration - np.linspace(0, 1, 50) / run.parameters["f"]
+    ...     return {"lowest": run.states(times)["beta"].min()}
+    >>> import numpy as np
+    >>> cube = sweep({"Gamma": [0.6, 0.9]}, periods=60, observe=lowest_dip, progress=False)
+    >>> cube["lowest"].attrs["units"], cube["lowest"].sizes
+    ('rad', Frozen({'Gamma': 2}))
+    """
+    if not variables:
+        raise ParameterError('observer: declares nothing; give names, such as peak={"units": "Hz", "long_name": "..."}')
+    declared = tuple(_field(name, told) for name, told in variables.items())
+
+    def mark(function: F) -> F:
+        setattr(function, DECLARED, declared)
+        return function
+
+    return mark
+
+
+def _field(name: str, told: Any) -> Field:
+    """A variable as it was declared."""
+    _check_name(name)
+    units, meaning, along = _declared(f"observer: {name}", told, ("units", "long_name"), ("along",))
+    if along is None:
+        return Field(name, Quantity(units, meaning))
+    dim, values, its_units, its_meaning = _declared(
+        f"observer: {name}.along", along, ("name", "values"), ("units", "long_name")
+    )
+    _check_name(dim)
+    where = f"observer: {name}.along.values"
+    values = np.arange(check_count(where, values)) if isinstance(values, int) else as_numbers(where, values, as_number)
+    label = Quantity(its_units or "1", its_meaning or f"number of the {dim}")
+    return Field(name, Quantity(units, meaning), along=Along(dim, np.atleast_1d(values), label))
+
+
+def _check_name(name: str) -> None:
+    if not name.isidentifier() or not name.isascii():
+        raise ParameterError(f"observer: {name!r}: must be a name of letters, digits and _")
+
+
+def _declared(where: str, told: Any, needed: tuple[str, ...], more: tuple[str, ...]) -> list[Any]:
+    """The values of a mapping with the keys `needed` and perhaps some `more`, None where they are missing."""
+    if not isinstance(told, Mapping):
+        raise ParameterError(f"{where} = {reprlib.repr(told)}: must be a mapping with {' and '.join(needed)}")
+    for key in told:
+        if key not in (*needed, *more):
+            raise ParameterError(f"{where}.{unknown(key, 'key', (*needed, *more))}")
+    for key in needed:
+        if key not in told:
+            raise ParameterError(f"{where}.{key}: is missing")
+    for key, value in told.items():
+        if key not in ("along", "values") and not (isinstance(value, str) and value):
+            raise ParameterError(f"{where}.{key} = {reprlib.repr(value)}: must be a text")
+    return [told.get(key) for key in (*needed, *more)]
+
+
+# --- where it is ----------------------------------------------------------------------------------------------------------
+
+
+def look_in(folder: Path) -> None:
+    """Have modules of observers be found in a folder, too, behind all other places."""
+    if str(folder.absolute()) not in sys.path:
+        sys.path.append(str(folder.absolute()))
+
+
+def found(name: str) -> Any:
+    """What stands under a name such as ``my_module:spectral``.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such module, or it cannot be imported, or has no such name.
+    """
+    module, _, path = name.partition(":")
+    if not module or not path:
+        raise ParameterError(f"observe = {name!r}: must be a module and a name in it, such as 'my_module:spectral'")
+    try:
+        there = import_module(module)
+    except Exception as error:  # whatever the module does
+        why = f"{module} cannot be imported ({type(error).__name__}: {one_line(error)})"
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            why = f"there is no module {error.name}"
+        raise ParameterError(f"observe = {name!r}: {why}") from None
+    for part in path.split("."):
+        if not hasattr(there, part):
+            raise ParameterError(f"observe = {name!r}: {module} has no {part}")
+        there = getattr(there, part)
+    return there
+
+
+def _shown(given: Any) -> str:
+    return getattr(given, "__qualname__", None) or reprlib.repr(given)
+
+
+def _taken_apart(given: Any) -> tuple[Any, dict[str, Any]]:
+    """The function or the dataclass that was declared, and the arguments that it was given.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither, or has arguments that no configuration can hold.
+    """
+    arguments: dict[str, Any] = {}
+    while isinstance(given, partial):
+        if given.args:
+            raise ParameterError(f"observe = {_shown(given.func)}: give its arguments by name")
+        given, arguments = given.func, given.keywords | arguments
+    if is_dataclass(given) and not isinstance(given, type):
+        given, arguments = type(given), {each.name: getattr(given, each.name) for each in fields(given)}
+    shown = f"observe = {_shown(given)}"
+    if not hasattr(given, DECLARED):
+        cure = 'mark it with @dimersweep.observer(name={"units": ..., "long_name": ...})'
+        raise ParameterError(f"{shown}: declares nothing; {cure}")
+    if not isinstance(getattr(given, "py_func", given), FunctionType | type):
+        raise ParameterError(f"{shown}: must be a function or an instance of a dataclass")
+    if isinstance(given, type) and not (is_dataclass(given) and "__call__" in vars(given)):
+        raise ParameterError(f"{shown}: must be a dataclass with a __call__")
+    for name, value in arguments.items():
+        try:
+            alike = json.loads(json.dumps(value, allow_nan=False)) == value
+        except (TypeError, ValueError):
+            alike = False
+        if not alike:
+            allowed = "a number, a text, a switch, or a list or mapping of these"
+            raise ParameterError(f"observe: argument {name} = {reprlib.repr(value)}: must be {allowed}")
+    return given, arguments
+
+
+# --- what it makes of each run ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class OwnObserver(Observer):
+    """An observer of a user's own.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``my_module:spectral``.
+    arguments : dict
+    code : str
+        See `code_of`.
+    declared : tuple of Field
+    how : RunSettings, optional
+        Of the runs that it looks at, where these are not those of the study.
+    base : function or class, optional
+        What has that name; None in another process, which looks for it.
+    """
+
+    name: str
+    arguments: dict[str, Any]
+    code: str
+    declared: tuple[Field, ...]
+    how: RunSettings | None
+    base: Any
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """See `Observer`."""
+        return (*self.declared, WHY)
+
+    def settings(self) -> dict[str, Any]:
+        """See `Observer`."""
+        names = [each.name for each in self.declared]
+        return {"observe": {"name": self.name, "code": self.code, "arguments": self.arguments, "variables": names}}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """By its name, if other processes may find it there: these tell then what they lack."""
+        try:
+            known = not self.name.startswith("__main__:") and found(self.name) is self.base
+        except ParameterError:
+            known = False
+        return vars(self) | ({"base": None} if known else {})
+
+    @property
+    def call(self) -> Any:
+        """What is called."""
+        base = found(self.name) if self.base is None else self.base
+        return base(**self.arguments) if isinstance(base, type) else partial(base, **self.arguments)
+
+    def check_here(self) -> None:
+        """See `Observer`."""
+        if self.base is None and _code(found(self.name)) != self.code:
+            raise ParameterError(f"observe = {self.name!r}: is another version here; give all workers the same module")
+
+    def observe(self, ran: Ran, space: Workspace) -> None:
+        """See `Observer`."""
+        how = self.how or ran.how
+        for row, result in zip(ran.rows, ran.results, strict=True):
+            if result["codes"][CODE_STATUS] != OK:
+                continue
+            solved = ran.solved or run_row(row, None, how, space, **kept_of((self,)))
+            if is_stopped(space) or solved.codes[CODE_STATUS] != OK:
+                continue
+            try:
+                for name, values in self.told(row, how.rtol, solved).items():
+                    result[name] = values
+            except MemoryError:
+                raise
+            except Exception as error:  # it takes this point only
+                why = f"{type(error).__name__}: {one_line(error)}"
+                result[WHY.name] = why.encode("ascii", "backslashreplace")[:MESSAGE_BYTES]
+                result["codes"][CODE_STATUS] = OBSERVER_FAILED
+
+    @abstractmethod
+    def told(self, row: np.ndarray, rtol: float, solved: Solved) -> dict[str, np.ndarray]:
+        """What it tells of a run that has reached its end, by name; raises whatever it raises."""
+
+
+class RunObserver(OwnObserver):
+    """One that is given the run: ``f(run)`` returns a mapping."""
+
+    needs: ClassVar[frozenset[str]] = frozenset({"record"})
+
+    def told(self, row: np.ndarray, rtol: float, solved: Solved) -> dict[str, np.ndarray]:
+        """See `OwnObserver`."""
+        parameters = Parameters(**reduced(dict(zip(ROW, row.tolist(), strict=True)))).given()
+        start = None if solved.start is None else named_state(row, solved.start)
+        given = self.call(as_run(parameters, rtol, solved, start))
+        if not isinstance(given, Mapping):
+            raise TypeError(f"returned {type(given).__name__}, no mapping of names to numbers")
+        shapes = {each.name: each.shape for each in self.declared}
+        told = {}
+        for name, value in given.items():
+            if name not in shapes:
+                raise ValueError(unknown(name, "variable", shapes))
+            told[name] = np.asarray(value, dtype=float)
+            if told[name].shape != shapes[name]:
+                raise ValueError(f"{name}: has shape {told[name].shape}, and {shapes[name]} was declared")
+        return told
+
+
+class PeriodObserver(OwnObserver):
+    """One that Numba has compiled: ``f(end, run, row)`` is called at the end of each forcing period, and writes to its row."""
+
+    needs: ClassVar[frozenset[str]] = frozenset({"strobes"})
+
+    @property
+    def _slices(self) -> dict[str, slice]:
+        """Where each variable stands in the row."""
+        stops = np.cumsum([int(np.prod(each.shape)) for each in self.declared]).tolist()
+        return {each.name: slice(a, b) for each, a, b in zip(self.declared, [0, *stops], stops, strict=False)}
+
+    def check_here(self) -> None:
+        """See `Observer`; compiles it."""
+        super().check_here()
+        try:
+            self._row(np.zeros((0, len(PeriodEnd._fields))), RunFacts(*[0.0] * len(RunFacts._fields)))
+        except Exception as error:
+            raise ParameterError(f"observe = {self.name!r}: cannot be compiled ({one_line(error)})") from None
+
+    def _row(self, ends: np.ndarray, run: Any) -> np.ndarray:
+        row = np.zeros(max(each.stop for each in self._slices.values()))
+        _driver(self.call.func)(ends, run, row)
+        return row
+
+    def told(self, row: np.ndarray, rtol: float, solved: Solved) -> dict[str, np.ndarray]:
+        """See `OwnObserver`."""
+        s, beta_0 = State(*solved.strobes.T), dimer_of(row).beta_0
+        beta = beta_0 + s.dip
+        ends = (s.period, s.d1, s.d2, s.n1, s.n2, beta, s.wb, s.theta, s.wp / np.cos(beta), s.spin, s.ca, s.cb)
+        values = self._row(np.column_stack(ends), RunFacts(*map(float, (*row, *solved.codes, *solved.out))))
+        return {each.name: values[self._slices[each.name]].reshape(each.shape) for each in self.declared}
+
+
+@cache
+def _driver(function: Any) -> Any:
+    """Calls a compiled observer at the ends of periods, one after the other; that alone is compiled for it."""
+    from numba import njit
+
+    @njit(nogil=True)
+    def drive(ends: Any, run: Any, row: Any) -> None:
+        for k in range(ends.shape[0]):
+            e = ends[k]
+            end = PeriodEnd(e[0], e[1], e[2], e[3], e[4], e[5], e[6], e[7], e[8], e[9], e[10], e[11])
+            function(end, run, row)
+
+    return drive
+
+
+@cache
+def _code(base: Any) -> str:
+    return code_of(base, getattr(base, DECLARED, ()))
+
+
+def own_of(
+    observe: Any,
+    points: int,
+    how: RunSettings,
+    *,
+    others: Iterable[Observer] = (),
+    axes: Iterable[str] = (),
+    arguments: Mapping[str, Any] | None = None,
+    again: RunSettings | None = None,
+) -> tuple[OwnObserver, ...]:
+    """The observer that a user gives, checked; none for None.
+
+    Parameters
+    ----------
+    observe : callable or str, optional
+        What `observer` has marked; or where it stands, such as ``my_module:spectral``.
+    points : int
+    how : RunSettings
+        Of the study.
+    others : iterable of Observer
+        What else is known of each point.
+    axes : iterable of str
+        Dimensions of the cube.
+    arguments : mapping, optional
+        What it is given by name.
+    again : RunSettings, optional
+        Of the runs that it looks at, where these are not those of the study.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if observe is None:
+        if arguments:
+            raise ParameterError("observe_with: is for an observer; give observe")
+        return ()
+    given = found(observe) if isinstance(observe, str) else observe
+    if isinstance(given, type) or arguments:
+        try:
+            given = given(**arguments or {}) if isinstance(given, type) else partial(given, **arguments or {})
+        except TypeError as error:
+            raise ParameterError(f"observe = {observe!r}: {one_line(error)}") from None
+    base, known = _taken_apart(given)
+    kind = PeriodObserver if hasattr(base, "py_func") else RunObserver
+    if kind is RunObserver:
+        check_recorded((again or how).max_periods, RECORDED)
+    elif known:
+        raise ParameterError(f"observe = {_shown(base)}: a compiled observer takes no arguments ({', '.join(known)})")
+    declared = getattr(base, DECLARED)
+    _check_names(declared, [each for other in others for each in other.fields], axes)
+    numbers = sum(int(np.prod(each.shape)) for each in declared if each.along)
+    if points * numbers > MAX_NUMBERS:
+        raise ParameterError(
+            f"observe: {points} points with {numbers} numbers in arrays; one cube may hold {MAX_NUMBERS} of them"
+        )
+    name = f"{base.__module__}:{base.__qualname__}"
+    return (kind(name, known, code_of(base, declared), declared, again, base),)
+
+
+def _check_names(declared: Iterable[Field], others: Iterable[Field], axes: Iterable[str]) -> None:
+    """Refuse names that a cube has already, and a dimension that is told in two ways."""
+    others = list(others)
+    dims = {each.along.name: each.along.values for each in others if each.along}
+    taken = {*PARAMETERS, *QUANTITIES, *SETTINGS, *(RESULT.names or ()), *axes, *(each.name for each in others)}
+    for each in declared:
+        along = each.along
+        for name in (each.name, *([along.name] if along else [])):
+            if name in taken or (name == each.name and name in dims):
+                raise ParameterError(f"observe: {name}: is a name that the cube has; give another one")
+        if along and not np.array_equal(dims.setdefault(along.name, along.values), along.values):
+            raise ParameterError(f"observe: {along.name}: is a dimension with other values, too; give it another name")
+        taken.add(each.name)
