@@ -257,7 +257,7 @@ class EndStates(Observer):
 def kept_of(observers: Iterable[Observer]) -> Kept:
     """What is kept of each run for observers."""
     needs = frozenset().union(*(observer.needs for observer in observers))
-    return Kept(record="record" in needs, strobes="strobes" in needs)
+    return {name: True for name in Kept.__optional_keys__ & needs}  # type: ignore[return-value]
 
 
 def strobes_of(n: Any, points: int) -> tuple[Observer, ...]:

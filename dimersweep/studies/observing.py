@@ -250,7 +250,7 @@ class OwnObserver(Observer):
 
     def settings(self) -> dict[str, Any]:
         """See `Observer`."""
-        names = [each.name for each in self.declared]
+        names = [name for each in self.declared for name in (each.name, *([each.along.name] if each.along else []))]
         return {"observe": {"name": self.name, "code": self.code, "arguments": self.arguments, "variables": names}}
 
     def __getstate__(self) -> dict[str, Any]:

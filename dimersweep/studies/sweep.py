@@ -164,8 +164,9 @@ def sweep(
     """
     how: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
     how["stop_when_settled"] = stop_when_settled
-    how |= {"certify": certify, "strobes": strobes, "carry": carry, "sustained": sustained, "observe": observe}
-    return make_cube(study_of(grid, fixed, points=points, **how), **options)
+    how |= {"certify": certify, "strobes": strobes, "carry": carry, "sustained": sustained}
+    study = study_of(grid, fixed, points=points, observe=observe, **how)
+    return make_cube(study, **options)
 
 
 def bifurcation(
