@@ -66,6 +66,11 @@ class Field(NamedTuple):
         """Of its values at one point."""
         return () if self.along is None else (self.along.values.size,)
 
+    @property
+    def size(self) -> int:
+        """Number of its values at one point."""
+        return 1 if self.along is None else self.along.values.size
+
 
 def kind_with(fields: Iterable[Field]) -> np.dtype:
     """The type of a result with these fields besides those of `RESULT`."""

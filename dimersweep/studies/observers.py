@@ -1,7 +1,7 @@
 """Observers: what a study adds to the numbers of each point's run, how it is computed, and how it is kept and labelled."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import nan
 from typing import Any, ClassVar, NamedTuple
@@ -36,12 +36,18 @@ class Ran(NamedTuple):
         Of the study's kind: `out` and `codes` are there, and what observers before have filled in.
     solved : Solved, optional
         Of a run that was made by itself: its start, its end, and what an observer has asked for.
+    given : mapping of str to float, optional
+        Of such a run, the parameters that its study gives.
+    strobes : ndarray, shape (n, ..., N_STROBE), optional
+        Of the ends of the forcing periods of each, if an observer has asked for them.
     """
 
     rows: np.ndarray
     how: RunSettings
     results: np.ndarray
     solved: Solved | None = None
+    given: Mapping[str, float] | None = None
+    strobes: np.ndarray | None = None
 
     @property
     def start(self) -> np.ndarray | None:
@@ -52,7 +58,7 @@ class Ran(NamedTuple):
 class Observer(ABC):
     """What is known of each point besides the numbers of its run."""
 
-    # of each run: its end, its record, its strobes; then points are run one by one
+    # of each run: its strobes; or its end or its record, for which points are run one by one
     needs: ClassVar[frozenset[str]] = frozenset()
 
     @property
@@ -254,10 +260,14 @@ class EndStates(Observer):
         ran.results["end"] = ran.solved.onward
 
 
+def needs_of(observers: Iterable[Observer]) -> frozenset[str]:
+    """What observers ask for."""
+    return frozenset[str]().union(*(observer.needs for observer in observers))
+
+
 def kept_of(observers: Iterable[Observer]) -> Kept:
-    """What is kept of each run for observers."""
-    needs = frozenset().union(*(observer.needs for observer in observers))
-    return {name: True for name in Kept.__optional_keys__ & needs}  # type: ignore[return-value]
+    """What is kept of each run for observers, where it is made by itself."""
+    return dict.fromkeys(Kept.__optional_keys__ & needs_of(observers), True)  # type: ignore[return-value]
 
 
 def strobes_of(n: Any, points: int) -> tuple[Observer, ...]:

@@ -3,30 +3,36 @@
 import json
 import reprlib
 import sys
-from abc import abstractmethod
-from collections import namedtuple
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from types import FunctionType
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from dimersweep.cubes.results import OBSERVER_FAILED, RESULT, Along, Field
+from dimersweep.cubes.results import OBSERVER_FAILED, RESULT, Along, Field, blank_results, kind_with
 from dimersweep.errors import ParameterError, one_line, unknown
 from dimersweep.inputs import as_number, as_numbers, check_count
 from dimersweep.kernel.batch import Workspace, is_stopped
-from dimersweep.kernel.model.body import dimer_of
-from dimersweep.kernel.model.layout import CODE_STATUS, CODES, OK, OUT, ROW, State
-from dimersweep.parameters import Parameters, reduced
+from dimersweep.kernel.model.layout import (
+    CODE_N_PERIODS,
+    CODE_STATUS,
+    CODES,
+    N_ROW,
+    OK,
+    OUT,
+    ROW,
+)
+from dimersweep.kernel.record import N_STROBE, STROBE
+from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import as_run
-from dimersweep.runs.solving import RunSettings, Solved, check_recorded, run_row
+from dimersweep.runs.solving import RunSettings, check_recorded, run_row
 from dimersweep.studies.fingerprint import code_of
-from dimersweep.studies.observers import MAX_NUMBERS, Observer, Ran, kept_of
+from dimersweep.studies.observers import MAX_NUMBERS, Observer, Ran
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 
 DECLARED = "observer_variables"  # attribute of what `observer` has marked
@@ -36,28 +42,9 @@ RECORDED = "a run that an observer looks at; a compiled one needs no record"
 
 F = TypeVar("F")
 
-
-class PeriodEnd(NamedTuple):
-    """What a compiled observer is given of the end of a forcing period; gaps, angles and their rates as in `Run.states`."""
-
-    n: float  # forcing periods since the start
-    gap_1: float  # [m]
-    gap_2: float
-    gap_1_rate: float  # [m s-1]
-    gap_2_rate: float
-    beta: float  # [rad]
-    beta_rate: float  # [rad s-1]
-    theta: float
-    theta_rate: float
-    spin: float  # axial spin gamma' + theta' sin(beta) [rad s-1]
-    velocity_along: (
-        float  # of the centre of mass relative to the plate: along the axis from p1 to p2, and across it [m s-1]
-    )
-    velocity_across: float
-
-
-# what it is given of the run: its parameters, its codes and its numbers, all floats
-RunFacts: Any = namedtuple("RunFacts", ROW + CODES + OUT)  # type: ignore[misc]
+# what a compiled one is given of the end of a period, and of the run: its parameters, its codes and its numbers
+END = np.dtype([(name, float) for name in STROBE])
+FACTS = np.dtype([(name, float) for name in (*ROW, *CODES, *OUT)])
 
 
 # --- what an observer declares ------------------------------------------------------------------------------------------
@@ -262,38 +249,20 @@ class OwnObserver(Observer):
         return vars(self) | ({"base": None} if known else {})
 
     @property
-    def call(self) -> Any:
-        """What is called."""
-        base = found(self.name) if self.base is None else self.base
-        return base(**self.arguments) if isinstance(base, type) else partial(base, **self.arguments)
+    def here(self) -> Any:
+        """What has its name in this process."""
+        return found(self.name) if self.base is None else self.base
 
     def check_here(self) -> None:
         """See `Observer`."""
-        if self.base is None and _code(found(self.name)) != self.code:
+        if self.base is None and _code(self.here) != self.code:
             raise ParameterError(f"observe = {self.name!r}: is another version here; give all workers the same module")
 
-    def observe(self, ran: Ran, space: Workspace) -> None:
-        """See `Observer`."""
-        how = self.how or ran.how
-        for row, result in zip(ran.rows, ran.results, strict=True):
-            if result["codes"][CODE_STATUS] != OK:
-                continue
-            solved = ran.solved or run_row(row, None, how, space, **kept_of((self,)))
-            if is_stopped(space) or solved.codes[CODE_STATUS] != OK:
-                continue
-            try:
-                for name, values in self.told(row, how.rtol, solved).items():
-                    result[name] = values
-            except MemoryError:
-                raise
-            except Exception as error:  # it takes this point only
-                why = f"{type(error).__name__}: {one_line(error)}"
-                result[WHY.name] = why.encode("ascii", "backslashreplace")[:MESSAGE_BYTES]
-                result["codes"][CODE_STATUS] = OBSERVER_FAILED
-
-    @abstractmethod
-    def told(self, row: np.ndarray, rtol: float, solved: Solved) -> dict[str, np.ndarray]:
-        """What it tells of a run that has reached its end, by name; raises whatever it raises."""
+    def failed(self, result: np.void, error: Exception) -> None:
+        """Note that it has failed at a point; other points do not suffer."""
+        why = f"{type(error).__name__}: {one_line(error)}"
+        result[WHY.name] = why.encode("ascii", "backslashreplace")[:MESSAGE_BYTES]
+        result["codes"][CODE_STATUS] = OBSERVER_FAILED
 
 
 class RunObserver(OwnObserver):
@@ -301,16 +270,33 @@ class RunObserver(OwnObserver):
 
     needs: ClassVar[frozenset[str]] = frozenset({"record"})
 
-    def told(self, row: np.ndarray, rtol: float, solved: Solved) -> dict[str, np.ndarray]:
-        """See `OwnObserver`."""
-        parameters = Parameters(**reduced(dict(zip(ROW, row.tolist(), strict=True)))).given()
-        start = None if solved.start is None else named_state(row, solved.start)
-        given = self.call(as_run(parameters, rtol, solved, start))
-        if not isinstance(given, Mapping):
-            raise TypeError(f"returned {type(given).__name__}, no mapping of names to numbers")
+    def observe(self, ran: Ran, space: Workspace) -> None:
+        """See `Observer`."""
+        how, here = self.how or ran.how, self.here
+        call = here(**self.arguments) if isinstance(here, type) else partial(here, **self.arguments)
+        for row, result in zip(ran.rows, ran.results, strict=True):
+            if result["codes"][CODE_STATUS] != OK:
+                continue
+            solved = ran.solved or run_row(row, None, how, space, record=True)
+            if is_stopped(space):
+                return
+            start = None if solved.start is None else named_state(row, solved.start)
+            run = as_run(Parameters(**ran.given or {}).given(), how.rtol, solved, start)
+            try:
+                for name, values in self._checked(call(run)).items():
+                    result[name] = values
+            except MemoryError:
+                raise
+            except Exception as error:
+                self.failed(result, error)
+
+    def _checked(self, returned: Any) -> dict[str, np.ndarray]:
+        """What it has returned, as it has declared it; raises otherwise."""
+        if not isinstance(returned, Mapping):
+            raise TypeError(f"returned {type(returned).__name__}, no mapping of names to numbers")
         shapes = {each.name: each.shape for each in self.declared}
         told = {}
-        for name, value in given.items():
+        for name, value in returned.items():
             if name not in shapes:
                 raise ValueError(unknown(name, "variable", shapes))
             told[name] = np.asarray(value, dtype=float)
@@ -324,50 +310,61 @@ class PeriodObserver(OwnObserver):
 
     needs: ClassVar[frozenset[str]] = frozenset({"strobes"})
 
-    @property
-    def _slices(self) -> dict[str, slice]:
-        """Where each variable stands in the row."""
-        stops = np.cumsum([int(np.prod(each.shape)) for each in self.declared]).tolist()
-        return {each.name: slice(a, b) for each, a, b in zip(self.declared, [0, *stops], stops, strict=False)}
-
     def check_here(self) -> None:
         """See `Observer`; compiles it."""
         super().check_here()
         try:
-            self._row(np.zeros((0, len(PeriodEnd._fields))), RunFacts(*[0.0] * len(RunFacts._fields)))
+            self._look(np.zeros((0, N_ROW)), blank_results(0, kind_with(self.fields)), np.zeros((0, 1, N_STROBE)))
         except Exception as error:
             raise ParameterError(f"observe = {self.name!r}: cannot be compiled ({one_line(error)})") from None
 
-    def _row(self, ends: np.ndarray, run: Any) -> np.ndarray:
-        row = np.zeros(max(each.stop for each in self._slices.values()))
-        _driver(self.call.func)(ends, run, row)
-        return row
+    def observe(self, ran: Ran, space: Workspace) -> None:
+        """See `Observer`."""
+        strobes = ran.strobes
+        if strobes is None:  # of a search, whose deciding run is made once more
+            solved = [run_row(row, None, self.how or ran.how, space, strobes=True) for row in ran.rows]
+            if is_stopped(space) or not solved:
+                return
+            strobes = solved[0].strobes[None]
+        try:
+            self._look(ran.rows, ran.results, strobes)
+        except Exception as error:
+            if len(ran.rows) == 1:
+                self.failed(ran.results[0], error)
+                return
+            for k in range(len(ran.rows)):  # find the one
+                one = slice(k, k + 1)
+                self.observe(ran._replace(rows=ran.rows[one], results=ran.results[one], strobes=strobes[one]), space)
 
-    def told(self, row: np.ndarray, rtol: float, solved: Solved) -> dict[str, np.ndarray]:
-        """See `OwnObserver`."""
-        s, beta_0 = State(*solved.strobes.T), dimer_of(row).beta_0
-        beta = beta_0 + s.dip
-        ends = (s.period, s.d1, s.d2, s.n1, s.n2, beta, s.wb, s.theta, s.wp / np.cos(beta), s.spin, s.ca, s.cb)
-        values = self._row(np.column_stack(ends), RunFacts(*map(float, (*row, *solved.codes, *solved.out))))
-        return {each.name: values[self._slices[each.name]].reshape(each.shape) for each in self.declared}
+    def _look(self, rows: np.ndarray, results: np.ndarray, strobes: np.ndarray) -> None:
+        """Call it for runs, shape (n,), and fill in what it has written, where they have reached their ends."""
+        codes = results["codes"]
+        reached = codes[:, CODE_STATUS] == OK
+        facts = np.column_stack([rows, codes, results["out"]])
+        values = np.zeros((len(rows), sum(each.size for each in self.declared)))
+        counts = np.where(reached, codes[:, CODE_N_PERIODS], 0)
+        ends = np.ascontiguousarray(strobes).view(END).reshape(strobes.shape[:2])
+        _driver(self.here)(ends, counts, facts.view(FACTS).reshape(len(rows)), values)
+        first = 0
+        for each in self.declared:
+            results[each.name][reached] = values[reached, first : first + each.size].reshape(-1, *each.shape)
+            first += each.size
 
 
 @cache
 def _driver(function: Any) -> Any:
-    """Calls a compiled observer at the ends of periods, one after the other; that alone is compiled for it."""
+    """Calls a compiled observer at the ends of periods, run after run; that alone is compiled for it."""
     from numba import njit
 
     @njit(nogil=True)
-    def drive(ends: Any, run: Any, row: Any) -> None:
-        for k in range(ends.shape[0]):
-            e = ends[k]
-            end = PeriodEnd(e[0], e[1], e[2], e[3], e[4], e[5], e[6], e[7], e[8], e[9], e[10], e[11])
-            function(end, run, row)
+    def drive(ends: Any, counts: Any, runs: Any, rows: Any) -> None:
+        for k in range(len(runs)):
+            for n in range(counts[k]):
+                function(ends[k, n], runs[k], rows[k])
 
     return drive
 
 
-@cache
 def _code(base: Any) -> str:
     return code_of(base, getattr(base, DECLARED, ()))
 
@@ -422,7 +419,7 @@ def own_of(
         raise ParameterError(f"observe = {_shown(base)}: a compiled observer takes no arguments ({', '.join(known)})")
     declared = getattr(base, DECLARED)
     _check_names(declared, [each for other in others for each in other.fields], axes)
-    numbers = sum(int(np.prod(each.shape)) for each in declared if each.along)
+    numbers = sum(each.size for each in declared if each.along)
     if points * numbers > MAX_NUMBERS:
         raise ParameterError(
             f"observe: {points} points with {numbers} numbers in arrays; one cube may hold {MAX_NUMBERS} of them"

@@ -94,7 +94,7 @@ class Search(Study):
             None if the search was stopped.
         """
         order = self.question.order(self.hints.get(point, ()))
-        here = self.grid.fixed | {name: float(value) for name, value in self.grid.values(point).items()}
+        here = self.grid.given(point)
         rows = fill_rows(here | {self.question.axis: self.question.values[order]}, order.size)
         out, codes = run_all_patiently(rows, self.how, space, until=self.question.until())
         if is_stopped(space):
@@ -107,7 +107,8 @@ class Search(Study):
             result["codes"][0, [CODE_MODE, CODE_STATUS]] = counts.argmax(), OK
             return Ran(rows[:0], self.how, result[:0])
         result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
-        return Ran(rows[which : which + 1], self.how, result)
+        given = here | {self.question.axis: float(self.question.values[order[which]])}
+        return Ran(rows[which : which + 1], self.how, result, given=given)
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """See `Study`: the points are taken from coarse to fine."""
