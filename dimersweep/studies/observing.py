@@ -316,7 +316,8 @@ class PeriodObserver(OwnObserver):
         try:
             self._look(np.zeros((0, N_ROW)), blank_results(0, kind_with(self.fields)), np.zeros((0, 1, N_STROBE)))
         except Exception as error:
-            raise ParameterError(f"observe = {self.name!r}: cannot be compiled ({one_line(error)})") from None
+            why = f"{type(error).__name__}: {one_line(error)}"
+            raise ParameterError(f"observe = {self.name!r}: cannot be compiled ({why})") from None
 
     def observe(self, ran: Ran, space: Workspace) -> None:
         """See `Observer`."""
