@@ -9,9 +9,8 @@ import numpy as np
 
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import number
-from dimersweep.kernel.model.layout import N_ROW, ROW, Dimer
-from dimersweep.kernel.model.plate import phases_later
-from dimersweep.symbols import BASE, ENDS, INSTEAD, LEFT_OUT, PARAMETERS
+from dimersweep.kernel.model.layout import N_ROW, ROW, WAVES, Dimer
+from dimersweep.symbols import BASE, ENDS, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS
 
 
 class Rule(NamedTuple):
@@ -34,12 +33,12 @@ class Rule(NamedTuple):
 
 TINY = nextafter(0.0, 1.0)  # the least number above 0
 ACUTE = nextafter(pi / 2, 0.0)  # the greatest angle below a right one
-NOT_LEVEL = ("tilt", "Gamma_x", "Gamma_y")  # where one of them is not zero, the heading counts
+# where one of them is not zero, the heading counts
+NOT_LEVEL = ("tilt", *(intensity for wave in WAVES[1:] for intensity, _ in wave))
 NO_LESS = ">= {} = {} (stick friction is never below slip friction)"
 RULES = (
     Rule("e", "in [0, 1]", 0, 1),
-    Rule("Gamma", ">= 0", 0),
-    Rule("Gamma_2", ">= 0 (turn it by phi_2)", 0),
+    *(Rule(intensity, f">= 0 (turn it by {phase})", 0) for wave in WAVES for intensity, phase in wave),
     Rule("f", "> 0", TINY),
     Rule("A_r", ">= 2 (below 2 the balls overlap)", 2),
     Rule("mu", ">= 0", 0),
@@ -55,8 +54,6 @@ RULES = (
     Rule("eta", ">= 1", 1),
     Rule("k_ratio", "> 0", TINY),
     Rule("tilt", 'in [0, pi/2) (radians; degrees as "2 deg")', 0, ACUTE),
-    Rule("Gamma_x", ">= 0 (turn it by phi_x)", 0),
-    Rule("Gamma_y", ">= 0 (turn it by phi_y)", 0),
     Rule("gap0", ">= 0 (the lower end would be below the plate)", 0),
 )
 
@@ -164,8 +161,12 @@ def moved_on(plate: Mapping[str, Any], by: Any) -> dict[str, Any]:
 
     The phases along the plate count from the one along the normal, so they stay.
     """
-    phi0, phi_2 = phases_later(plate["phi0"], plate.get("phi_2", 0.0), by)
-    return {**plate, "phi0": phi0} | ({"phi_2": phi_2} if "Gamma_2" in plate else {})
+    moved = {
+        phase: plate.get(phase, 0.0) + k * by
+        for k, (intensity, phase) in enumerate(WAVES[0], start=1)
+        if k == 1 or intensity in plate
+    }
+    return {**plate, **moved}
 
 
 def value_of(name: str, columns: Mapping[str, Any]) -> Any:
@@ -181,8 +182,11 @@ def value_of(name: str, columns: Mapping[str, Any]) -> Any:
 
 
 def completed(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """`columns`, and after them each parameter that they do not give, with the value that it has beside them, if it has one."""
-    others = {name: value_of(name, columns) for name in PARAMETERS if name not in columns}
+    """`columns`, and after them each parameter that they do not give, with the value that it has beside them, if it has one.
+
+    Harmonics that hardly any plate has (`symbols.HIGHER`) are not added.
+    """
+    others = {name: value_of(name, columns) for name in PARAMETERS if name not in columns and name not in HIGHER}
     return dict(columns) | {name: value for name, value in others.items() if value is not None}
 
 
@@ -242,9 +246,10 @@ def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
     ndarray, shape (n, N_ROW), float64
         One row a point, in the order of ``kernel.layout.ROW``.
     """
-    rows = np.empty((n, N_ROW))
+    rows = np.zeros((n, N_ROW))
     for slot, name in enumerate(ROW):
-        rows[:, slot] = value_of(name, columns)
+        if name in columns or name not in HIGHER:
+            rows[:, slot] = value_of(name, columns)
     return rows
 
 
