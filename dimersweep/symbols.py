@@ -106,8 +106,12 @@ SETTINGS = {
     "kernel": Quantity("1", "version of the kernel, as a number"),
     "line": Quantity("1", "checksum of the values along which a state was carried to the run"),  # where one was
 }
-# what a run takes in place of a parameter: that parameter, and what it is
-INSTEAD = {"l": ("A_r", Quantity("m", "distance between the centres of the balls, in place of A_r"))}
+# what may be given in place of a parameter: that parameter, and what it is
+INSTEAD = {
+    "l": ("A_r", Quantity("m", "distance between the centres of the balls, in place of A_r")),
+    "A_z": ("Gamma", Quantity("m", "amplitude of the plate, in place of Gamma")),
+    "v_z": ("Gamma", Quantity("m s-1", "greatest velocity of the plate, in place of Gamma")),
+}
 # what the parameters that may be left out are then: the value of another parameter, or a number
 LEFT_OUT: dict[str, str | float] = {
     **{f"{name}_{end}": name for name in ("e", "r", "rho_b", "mu", "mu_s") for end in (1, 2)},
