@@ -40,7 +40,13 @@ NOT_LEVEL = ("tilt", *(intensity for wave in WAVES[1:] for intensity, _ in wave)
 NO_LESS = ">= {} = {} (stick friction is never below slip friction)"
 RULES = (
     Rule("e", "in [0, 1]", 0, 1),
-    *(Rule(intensity, f">= 0 (turn it by {phase})", 0) for wave in WAVES for intensity, phase in wave),
+    Rule("Gamma", ">= 0", 0),
+    *(
+        Rule(intensity, f">= 0 (turn it by {phase})", 0)
+        for wave in WAVES
+        for intensity, phase in wave
+        if phase != "phi0"
+    ),
     Rule("f", "> 0", TINY),
     Rule("A_r", ">= 2 (below 2 the balls overlap)", 2),
     Rule("mu", ">= 0", 0),
@@ -188,14 +194,14 @@ def spelt_out(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) 
             by = [each for each in (parameter, *INSTEAD, "harmonics") if each in given and each != name]
             raise ParameterError(f"{name}: given together with {by[0]}; leave one of the two out")
         size, beside = number(name, given[name], quantity.units), BASE | dict(known or {}) | values
-        needed = {each: value_of(each, beside) for each in (ENDS["r"] if name == "l" else ("f", "g"))}
+        needed = {each: beside[each] for each in (("r", *ENDS["r"]) if name == "l" else ("f", "g")) if each in beside}
         for each, value in needed.items():
             if value is None:
                 raise ParameterError(f"{name}: takes one {each}, which varies here; give {parameter}")
             needed[each] = number(each, value)
         check(needed)
         if name == "l":
-            radii = sum(needed.values())
+            radii = sum(value_of(each, needed) for each in ENDS["r"])
             if size < radii:
                 raise ParameterError(f"l = {size}: must be >= r_1 + r_2 = {radii:.6g} (below it the balls overlap)")
             values[parameter] = 1 + size / radii

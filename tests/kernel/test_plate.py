@@ -41,12 +41,10 @@ PLATES = [
     {"Gamma": 0.2, "phi0": 5.0, "Gamma_2": 2.5, "phi_2": 2.0},
 ]
 # a saw-tooth of all harmonics, those of a shaker, and the highest one beside the first
+SAW = {Gamma: 1.2 / k for k, (Gamma, _) in enumerate(WAVES[0], 1)}
+SAW |= {phi: 0.7 * k + pi * (k % 2) for k, (_, phi) in enumerate(WAVES[0], 1)}
 PLATES += [
-    {
-        name: value
-        for k, names in enumerate(WAVES[0], 1)
-        for name, value in zip(names, (1.2 / k, 0.7 * k + pi * (k % 2)), strict=True)
-    },
+    SAW,
     {"Gamma": 1.1, "phi0": 0.4, "Gamma_2": 0.03, "phi_2": 1.0, "Gamma_3": 0.01, "phi_3": 5.0},
     {"Gamma": 0.6, f"Gamma_{HARMONICS}": 0.5, f"phi_{HARMONICS}": 2.0},
 ]
@@ -254,7 +252,8 @@ def test_velocity_and_acceleration_along_the_plate_are_derivatives_of_its_place(
     """With another phase and intensity along each axis; seen from the plate a body is accelerated the other way."""
     tilt, azimuth, g = 0.1, 0.7, 9.81
     shaken = {"Gamma_x": 0.2, "phi_x": 1.2, "Gamma_y": 0.5, "phi_y": 4.0}
-    dm = dimer(tilt=tilt, azimuth=azimuth, phi0=phi0, **shaken)
+    third = {"Gamma_x_3": 0.07, "phi_x_3": 2.2, "Gamma_y_3": 0.04, "phi_y_3": 0.5}
+    dm = dimer(**third, tilt=tilt, azimuth=azimuth, phi0=phi0, **shaken)
     fall = g * np.sin(tilt) * np.array([np.cos(azimuth), np.sin(azimuth)])
     for phase in np.linspace(0, 2 * np.pi, 7):
         step = 1e-5
@@ -262,10 +261,12 @@ def test_velocity_and_acceleration_along_the_plate_are_derivatives_of_its_place(
         rates = (ahead - back) / (2 * step) * dm.omega
         np.testing.assert_allclose(here[2:], rates[:2], atol=1e-9)
         angles = phase + np.array([shaken["phi_x"], shaken["phi_y"]])
-        np.testing.assert_allclose(here[2:], g * np.array([0.2, 0.5]) / dm.omega * np.cos(angles), atol=1e-14)
+        velocity = g * np.array([0.2, 0.5]) / dm.omega * np.cos(angles)
+        velocity += g * np.array([0.07, 0.04]) / (3 * dm.omega) * np.cos(3 * phase + np.array([2.2, 0.5]))
+        np.testing.assert_allclose(here[2:], velocity, atol=1e-14)
         for theta in (0.0, 0.9):
             a_a, a_b, v_x, v_y = verbs.along_plate(dm, phase, theta)
             np.testing.assert_allclose([v_x, v_y], here[2:], atol=1e-14)
             room = fall - rates[2:]
             axis, across = [-np.sin(theta), np.cos(theta)], [np.cos(theta), np.sin(theta)]
-            np.testing.assert_allclose([a_a, a_b], [room @ axis, room @ across], atol=1e-7)
+            np.testing.assert_allclose([a_a, a_b], [room @ axis, room @ across], atol=3e-7)

@@ -26,12 +26,10 @@ OTHERS = {
 # names of the intensity and the phase of each harmonic of the plate along X, Y, Z; the last ones count from the first phase
 HARMONICS = 16
 WAVES = [
-    [
-        (f"Gamma{axis}" + f"_{k}" * (k > 1), f"phi{axis}" + (f"_{k}" if k > 1 else "" if axis else "0"))
-        for axis in ("_x", "_y", "")
-    ]
-    for k in range(1, HARMONICS + 1)
+    [(f"Gamma{axis}{index}", f"phi{axis}{index}") for axis in ("_x", "_y", "")]
+    for index in ("", *(f"_{k}" for k in range(2, HARMONICS + 1)))
 ]
+WAVES[0][2] = ("Gamma", "phi0")
 ENDS = ("e", "r", "rho_b", "mu", "mu_s", "mu_h")
 Pair = tuple[float, float]
 

@@ -186,7 +186,7 @@ def keeps_speed(dm, theta, w_p):
 @compiled
 def velocity_along(dm, phase):
     """Velocity of the plate along its axes X, Y [m s-1]."""
-    v_x, v_y = 0.0, 0.0
+    v_x, v_y = -0.0, -0.0  # whose sum with one number is that number, whatever the sign of a zero
     for j in range(dm.n_along):
         k = j + 1.0
         _, c_x = sincos(k * phase + dm.lag_x[j])
