@@ -73,7 +73,9 @@ def test_the_distance_of_the_balls_stands_for_the_aspect_ratio():
     assert (made.A_r, made.given()["A_r"], "l" in made.given()) == (7.25, 7.25, False)
     assert replace(made, Gamma=1.0).A_r == 7.25
     assert updated({"A_r": 6.0, "r": 4e-3}, {"l": 0.05}) == {"r": 4e-3, "A_r": 7.25}
-    with pytest.raises(ParameterError, match=r"^l: is for single runs and fixed values \(distance between the centres .*\); give A_r$"):
+    with pytest.raises(
+        ParameterError, match=r"^l: is for single runs and fixed values \(distance between the centres .*\); give A_r$"
+    ):
         make_grid({"l": [0.05, 0.06]})
 
 
@@ -94,7 +96,11 @@ def test_harmonics_are_their_short_forms():
     known = {"Gamma": 0.9, "Gamma_2": 0.3, "phi_2": 1.0, "Gamma_y": 0.2, "phi_y": 0.1}
     assert updated(known, {"harmonics": {"z": {3: (0.1, 0.2)}}}) == {
         **dict.fromkeys((Gamma for Gamma, _ in WAVES[0]), 0.0),
-        **{"Gamma_3": 0.1, "phi_3": 0.2, "phi_2": 1.0, "Gamma_y": 0.2, "phi_y": 0.1},
+        "Gamma_3": 0.1,
+        "phi_3": 0.2,
+        "phi_2": 1.0,
+        "Gamma_y": 0.2,
+        "phi_y": 0.1,
     }
 
 

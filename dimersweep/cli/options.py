@@ -3,6 +3,7 @@
 import inspect
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import wrap
 from typing import Annotated, Any
@@ -68,6 +69,10 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
             Any, typer.Option(f"--{name}", help=meaning, parser=str, metavar="NUMBER", hidden=name in HIGHER)
         ]
         options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind))
+    harmonics = Annotated[
+        Path | None, option("File of the plate's motion (TOML), in place of Gamma, phi0, Gamma_2, ...")
+    ]
+    options.append(inspect.Parameter("harmonics", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=harmonics))
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
     command.__annotations__ = {option.name: option.annotation for option in options}
     return command

@@ -89,30 +89,30 @@ class Dimer:
     omega: float  # plate angular frequency [rad s-1]
     period: float  # forcing period [s]
     phi0: float  # plate phase at t = 0, reduced to [0, 2 pi) [rad]
-    n_z: int  # the highest harmonic of the plate along its normal, at least 1
-    A: Annotated[list[float], HARMONICS]  # amplitudes of the harmonics [m]
-    lag: Annotated[list[float], HARMONICS]  # their angles where the phase is zero [rad]
-    tempo: float  # greatest angular frequency in that motion [rad s-1]
+    n_z: int  # the highest harmonic of the plate along its normal, and of that along itself, at least 1
+    n_along: int
+    tempo: float  # greatest angular frequency in the motion along the normal [rad s-1]
     most_speed: float  # bounds of the first four time derivatives of its height [m s-1] to [m s-4]
     most_acceleration: float
     most_jerk: float
     most_snap: float
-    sway_s: Annotated[
-        list[float], HARMONICS
-    ]  # A sin, A cos of the harmonics' angles at the start of a flight [m]: scratch
-    sway_c: Annotated[list[float], HARMONICS]
     sideways: (
         float  # 1.0 where the plate is tilted or moves along itself, else 0.0: then the heading is of no consequence
     )
     fall_x: float  # gravity along the axes X, Y of the plate [m s-2]
     fall_y: float
-    n_along: int  # the highest harmonic of the plate along itself, at least 1
-    G_x: Annotated[list[float], HARMONICS]  # amplitudes of the acceleration along them [m s-2]
-    lag_x: Annotated[list[float], HARMONICS]  # and their angles where the phase is zero [rad]
-    G_y: Annotated[list[float], HARMONICS]
-    lag_y: Annotated[list[float], HARMONICS]
     v_scale: float  # the lesser of g/omega, gained in 1/omega of free fall, and that of a rod tipping over [m s-1]
     w_scale: float  # sqrt(g/l), the rate of a rod tipping over [rad s-1]
+    A: Annotated[list[float], HARMONICS]  # amplitudes of the harmonics along the normal [m]
+    lag: Annotated[list[float], HARMONICS]  # their angles where the phase is zero [rad]
+    G_x: Annotated[list[float], HARMONICS]  # amplitudes of the acceleration along X, Y [m s-2]
+    lag_x: Annotated[list[float], HARMONICS]
+    G_y: Annotated[list[float], HARMONICS]
+    lag_y: Annotated[list[float], HARMONICS]
+    sway_s: Annotated[
+        list[float], HARMONICS
+    ]  # A sin, A cos of the harmonics' angles at the start of a flight [m]: scratch
+    sway_c: Annotated[list[float], HARMONICS]
 
 
 # --- state: the closed state in the plate frame, then the cyclic coordinates ----------------------------------------
