@@ -146,10 +146,11 @@ def symbol(name: str, *, tex: bool = False) -> str:
     """How a parameter is written; that of one end has the number of the end as its index."""
     end = name[-1] if any(name in ends for ends in ENDS.values()) else ""
     both = name.removesuffix(f"_{end}")
-    letter = both.partition("_")[0]
+    letter, _, below = both.partition("_")
     tex_symbol, plain = SYMBOLS.get(both, (both, both))
     if letter in GREEK:
-        tex_symbol, plain = f"\\{both}", both.replace(letter, GREEK[letter])
+        tex_symbol = f"\\{letter}_{{{below.replace('_', ',')}}}" if len(below) > 1 else f"\\{both}"
+        plain = both.replace(letter, GREEK[letter])
     if not tex:
         return f"{plain}_{end}" if end else plain
     stem, _, index = tex_symbol.partition("_")

@@ -103,6 +103,16 @@ class Waveform:
         ------
         ParameterError
             For a record with gaps, one that is too short or too coarse, or one of another frequency.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from dimersweep.fits import Waveform
+        >>> t = np.arange(20_000) / 2000
+        >>> table = {"t": t, "up": -8 * np.sin(94 * t), "along": -0.1 * np.sin(94 * t + 0.3)}
+        >>> found = Waveform.fit("t", table, axes={"z": "up", "x": "along"})
+        >>> round(found.waves["x"][1][1], 3)
+        0.3
         """
         t, a, names = _record(t, a, axes)
         n, step = t.size, (t[-1] - t[0]) / (t.size - 1)
@@ -138,6 +148,13 @@ class Waveform:
         ------
         ParameterError
             If it cannot be read, or is none.
+
+        Examples
+        --------
+        >>> from dimersweep.fits import Waveform
+        >>> Waveform(15.0, {"z": {1: (0.9, 0.0)}}).save("plate.toml", force=True)
+        >>> Waveform.load("plate.toml")
+        <Waveform: f 15 Hz, z1: 0.9 at 0 rad>
         """
         told = read_toml(Path(path))
         if "f" not in told or "z" not in told:
@@ -155,6 +172,14 @@ class Waveform:
         ------
         ParameterError, StoreError
             If it cannot be written, or exists and is not to be replaced.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> from dimersweep.fits import Waveform
+        >>> Waveform(15.0, {"z": {1: (0.9, 0.0), 2: (0.02, 1.0)}}).save("plate.toml", force=True)
+        >>> simulate(harmonics="plate.toml", periods=60).mode
+        'drift'
         """
         path = check_output(path, force=force, name="path", what="a waveform", endings=(".toml",))
         lines = [
@@ -177,7 +202,13 @@ class Waveform:
         return np.sum([-size * np.sin(k * angles + phase) for k, (size, phase) in self.waves[axis].items()], axis=0)
 
     def plot(self) -> Figure:
-        """One period of each axis, and the spectra of the record and of what of it is not periodic."""
+        """One period of each axis, and the spectra of the record and of what of it is not periodic.
+
+        Examples
+        --------
+        >>> from dimersweep.fits import Waveform
+        >>> Waveform(15.0, {"z": {1: (0.9, 0.0), 2: (0.02, 1.0)}}).plot().savefig("plate.png")
+        """
         figure = Drawing(11, 1 + 2.6 * len(self.waves))
         panels: Any = figure.subplots(len(self.waves), 2, squeeze=False)
         cycles = np.linspace(0, 1, 401)
