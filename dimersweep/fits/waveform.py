@@ -18,10 +18,10 @@ from dimersweep.storage.outputs import check_output
 from dimersweep.symbols import BASE
 
 Waves = dict[str, dict[int, tuple[float, float]]]
-AXES = ("z", "x", "y")
+MEASURED_AXES = ("z", "x", "y")
 LEAST_PERIODS = 20  # of a record: fewer do not tell the harmonics from what lies between them
 PER_PERIOD = 2.5  # samples in a period of the highest harmonic, at least
-GAP = 1.5  # step of the times, over the median one, from which it is a gap
+BREAK = 1.5  # step of the times, over the median one, from which it is a gap
 BINS = 20  # of the spectrum on each side of a harmonic, whose mean is the noise there
 SURE = 4.0  # errors above which a harmonic is kept
 DRIFT = 0.25  # cycles by which a frequency that is given may be off over the record
@@ -134,7 +134,9 @@ class Waveform:
                 raise ParameterError(f"f = {given:g}: that of the record is {fitted:.8g} Hz; leave f out to take it")
             fitted, error = given, 0.0
             parts, rest = _least_squares(t - middle, a, 2 * np.pi * fitted, most)
-        density = [np.abs(np.fft.rfft(each, axis=0)) * np.sqrt(2 * step / n) / g for each in (a - a.mean(axis=0), rest)]
+        window = np.hanning(n)[:, None]  # so that a line does not hide what is beside it
+        scale = np.sqrt(2 * step / (window**2).sum()) / g
+        density = [np.abs(np.fft.rfft(window * each, axis=0)) * scale for each in (a - a.mean(axis=0), rest)]
         waves, errors = _waves(parts, names, g, density[1] / np.sqrt(n * step), n * step * fitted)
         left = {name: float(np.sqrt((rest[:, k] ** 2).mean()) / g) for k, name in enumerate(names)}
         spectrum = np.fft.rfftfreq(n, step), np.moveaxis(np.array(density), 1, 2)
@@ -250,7 +252,7 @@ def _record(t: Any, a: Any, axes: Any) -> tuple[np.ndarray, np.ndarray, list[str
         named = (
             dict(axes)
             if isinstance(axes, Mapping)
-            else {name: name for name in (axes or AXES) if axes or name in there}
+            else {name: name for name in (axes or MEASURED_AXES) if axes or name in there}
         )
         for column in (*named.values(), *([t] if isinstance(t, str) else [])):
             if column not in there:
@@ -261,16 +263,16 @@ def _record(t: Any, a: Any, axes: Any) -> tuple[np.ndarray, np.ndarray, list[str
         columns = list(np.atleast_2d(np.asarray(a).T))
         named = dict.fromkeys(("z",) if axes is None else axes)
     names = list(named)
-    if "z" not in names or len(names) != len(columns) or not {*names} <= {*AXES}:
+    if "z" not in names or len(names) != len(columns) or not {*names} <= {*MEASURED_AXES}:
         raise ParameterError(f"axes = {names}: must be one of z, x, y for each column, z among them")
     times = as_numbers("t", np.asarray(t), as_number)
-    order = sorted(range(len(names)), key=lambda k: AXES.index(names[k]))
+    order = sorted(range(len(names)), key=lambda k: MEASURED_AXES.index(names[k]))
     values = np.array([as_numbers(f"a ({names[k]})", np.asarray(columns[k]), as_number) for k in order]).T
     if values.shape[0] != times.size or times.size < 2:
         raise ParameterError(f"a: has {values.shape[0]} values for {times.size} times")
     steps = np.diff(times)
     usual = float(np.median(steps))
-    wrong = np.flatnonzero((steps <= 0) | (steps > GAP * usual))
+    wrong = np.flatnonzero((steps <= 0) | (steps > BREAK * usual))
     if wrong.size:
         k = int(wrong[0])
         what = "the times must increase" if steps[k] <= 0 else "the record has a gap there; give one without"
