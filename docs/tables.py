@@ -10,7 +10,7 @@ from IPython.display import Markdown
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.cubes.results import RESULT
-from dimersweep.kernel.model.layout import STATUS_MESSAGES, STATUSES
+from dimersweep.kernel.model.layout import HARMONICS, STATUS_MESSAGES, STATUSES
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.orbit import COLUMNS, MULTIPLIERS, TEXTS
 from dimersweep.parameters import RULES
@@ -19,6 +19,7 @@ from dimersweep.symbols import (
     ENDS,
     EVENT_QUANTITIES,
     FORCES,
+    HIGHER,
     INSTEAD,
     LEFT_OUT,
     PARAMETERS,
@@ -158,12 +159,22 @@ def parameters() -> Markdown:
             _allowed(name),
         )
         for name, quantity in PARAMETERS.items()
+        if name not in HIGHER
     )
     instead = (
-        (f"`{name}`", f"${name}$", quantity.long_name, _unit(quantity.units), "", "of single runs")
+        (f"`{name}`", f"${name}$", quantity.long_name, _unit(quantity.units), "", "of single runs, or fixed")
         for name, (_, quantity) in INSTEAD.items()
     )
-    return _table(("name", "symbol", "meaning", "unit", "base case", "allowed"), (*rows, *instead))
+    last = f"`Gamma_3`, `phi_3` to `phi_y_{HARMONICS}`"
+    higher = (
+        last,
+        "",
+        "[harmonics of the plate](plate.md) along its normal and its axes X, Y",
+        "",
+        "0",
+        "as of the first ones",
+    )
+    return _table(("name", "symbol", "meaning", "unit", "base case", "allowed"), (*rows, higher, *instead))
 
 
 def _quantities(quantities: dict[str, Quantity]) -> Markdown:
