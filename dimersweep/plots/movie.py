@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Affine2D
 from PIL import Image
@@ -23,8 +23,20 @@ from PIL import Image
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import StoreError
 from dimersweep.inputs import check_count
-from dimersweep.plots.playback import BALLS, MOST_FRAMES, PATH_COLOR, PLATE, ROD, Frames, Playback, frames
+from dimersweep.plots.playback import (
+    BALLS,
+    MARKS,
+    MOST_FRAMES,
+    PATH_COLOR,
+    PLATE,
+    ROD,
+    STRIPE,
+    Frames,
+    Playback,
+    frames,
+)
 from dimersweep.plots.style import entitle
+from dimersweep.plots.view import page_of
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
 
@@ -32,6 +44,7 @@ MOVIES = (".gif", ".mp4", ".html")
 MOST_DPI = 600
 MOST_FPS_OF_GIF = 50  # browsers show a delay below two hundredths of a second as ten
 COLORS_OF_GIF = 64
+POLE_TO_POLE = np.linspace(0, np.pi, 24)  # a stripe of a ball, from pole to pole
 
 
 def check_movie(path: str | os.PathLike[str], *, force: bool) -> Path:
@@ -73,12 +86,7 @@ def write_movie(run: SeenRun, path: str | os.PathLike[str], playback: Playback, 
     path = check_movie(path, force=force)
     dpi = check_count("dpi", dpi, MOST_DPI)
     if path.suffix == ".html":
-        from dimersweep.plots.replay import replay_page
-
-        try:
-            page = replay_page(run, playback)
-        except StoreError as error:
-            raise StoreError(f"movie = {path}: {error}") from None
+        page = page_of(run, playback)
         with disk_errors(f"movie = {path}", ""), replacing(path) as temporary:
             temporary.write_bytes(page.encode())
         return path
@@ -156,7 +164,9 @@ def _side_view(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
     seen = np.concatenate([place.transform(corners) for place in places])
     table = Rectangle((left, 0), right - left, r / 2, color=PLATE)
     axes.add_patch(table)
-    move = _moving(axes, shown, balls, places, table)
+    along = np.column_stack([shown.along, 0 * across])
+    looks = np.stack([along, 0 * along + [0, 0, 1], np.cross(along, [0, 0, 1])], axis=1)
+    move = _moving(axes, shown, balls, places, looks, table)
     xlim, ylim = np.transpose([seen.min(axis=0), seen.max(axis=0)])
     axes.set(xlim=xlim, ylim=ylim, aspect="equal", xlabel="along the rod [mm]", ylabel="height [mm]")
     axes.set_title("from the side", fontsize=9)
@@ -179,7 +189,8 @@ def _view_from_above(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
     axes.add_patch(table)
     (track,) = axes.plot([], [], color=PATH_COLOR, linewidth=1.2)
     places = [Affine2D().translate(*away) for away in shown.away[:, :2]]
-    move = _moving(axes, shown, shown.balls[..., :2], places, table, track)
+    looks = np.broadcast_to(np.eye(3), (len(places), 3, 3))
+    move = _moving(axes, shown, shown.balls[..., :2], places, looks, table, track)
     xlim, ylim = middle[:, None] + (half + 1.5 * moves) * np.array([-1, 1])
     axes.set(xlim=xlim, ylim=ylim, aspect="equal", xlabel="$x$ [mm]", ylabel="$y$ [mm]")
     axes.set_title("from above", fontsize=9)
@@ -194,21 +205,55 @@ def _view_from_above(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
 
 
 def _moving(
-    axes: Axes, shown: Frames, balls: np.ndarray, places: Sequence[Affine2D], *others: Any
+    axes: Axes, shown: Frames, balls: np.ndarray, places: Sequence[Affine2D], looks: np.ndarray, *others: Any
 ) -> Callable[[int], list[Any]]:
-    """Draw rod and balls into a view; what puts them, and `others` that go with the plate, where they are in a frame."""
+    """Draw rod and balls into a view; what puts them, and `others` that go with the plate, where they are in a frame.
+
+    The view has its right, its up and the way to who looks as rows of `looks`, shape (n, 3, 3).
+    """
+    length = np.linalg.norm(np.diff(shown.balls[0], axis=0))
     (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")
     circles = [Circle((0, 0), radius, color=color) for radius, color in zip(shown.radii, BALLS, strict=True)]
     for circle in circles:
         axes.add_patch(circle)
+    stripes = [
+        (circle, side, Polygon([(0, 0)], color=MARKS[side], linewidth=0)) for circle in circles for side in (0, 1)
+    ]
+    for _, _, stripe in stripes:
+        axes.add_patch(stripe)
 
     def move(k: int) -> list[Any]:
+        axis = np.diff(shown.balls[k], axis=0)[0] / length
+        body = np.stack([axis, shown.mark[k], np.cross(axis, shown.mark[k])])
         for circle, centre in zip(circles, balls[k], strict=True):
             circle.center = tuple(centre)
+        for circle, side, stripe in stripes:
+            outline = _seen(side, body @ looks[k].T)
+            stripe.set_visible(len(outline) > 0)
+            stripe.set_xy(circle.center + circle.radius * outline)
         rod.set_data(*balls[k].T)
-        moved = [*others, rod, *circles]
+        moved = [*others, rod, *circles, *(stripe for _, _, stripe in stripes)]
         for artist in moved:
             artist.set_transform(places[k] + axes.transData)
         return moved
 
     return move
+
+
+def _seen(side: int, body: np.ndarray) -> np.ndarray:
+    """The outline of a stripe on a ball of radius 1 where its middle is seen, shape (n, 2).
+
+    `body` has as rows the axis, the mark, and what is square to both, each to the right, up, and toward who looks.
+    """
+    middle, right, left = (
+        np.column_stack(
+            [np.cos(POLE_TO_POLE), np.sin(POLE_TO_POLE) * np.cos(aside), np.sin(POLE_TO_POLE) * np.sin(aside)]
+        )
+        @ body
+        for aside in side * np.pi + STRIPE * np.array([0, 1, -1])
+    )
+    front = middle[:, 2] > 0
+    edges = np.concatenate([right[front], left[front][::-1]])
+    return edges[:, :2] / np.where(
+        edges[:, 2:] < 0, np.hypot(edges[:, :1], edges[:, 1:2]), 1.0
+    )  # just behind: on the rim
