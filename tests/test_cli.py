@@ -352,7 +352,7 @@ def test_a_signal_ends_every_command_in_one_way(call, monkeypatch, number):
 
 def test_ctrl_c_ends_a_server_as_it_ends_all_else(call, monkeypatch):
     exit_plainly(monkeypatch)
-    monkeypatch.setattr("dimersweep.exploring.serving.Explorer.serve", lambda self: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("dimersweep.exploring.serving.Explorer.wait", lambda self: signal.raise_signal(signal.SIGINT))
     out, err, code = call("explore", "--no-show", "--port", "0")
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/ \(Ctrl-C ends it\)\n", out)
     assert (err, code) == ("dimersweep: interrupted: nothing was written\n", 130)

@@ -2,7 +2,6 @@
 
 import json
 import os
-import threading
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
@@ -136,6 +135,8 @@ def test_a_quantity_is_shown_in_shades(cube):
     assert [color == "" for color in part["colors"]] == np.isnan(values).tolist()
     assert part["bar"]["ends"] == [f"{cube['radius'].min():.4g}", f"{cube['radius'].max():.4g}"]  # of the whole cube
     assert part["bar"]["label"] == "radius [m]"
+    endless = CubeMap(cube.assign(radius=cube["radius"] * np.inf)).part({"shown": "radius"})
+    assert set(endless["colors"]) == {""} and endless["bar"]["ends"] == ["0", "1"]
     brightness = [int(color[1:3], 16) + int(color[3:5], 16) for color in part["colors"] if color]
     assert np.argmax(brightness) == np.nanargmax(values[~np.isnan(values)])
 
@@ -180,7 +181,6 @@ def test_cubes_that_cannot_be_shown_are_refused(cube):
 def served(cube=None):
     """The address of a page."""
     explorer = Explorer(cube, 0)
-    threading.Thread(target=explorer.serve, daemon=True).start()
     try:
         yield explorer.address
     finally:
@@ -216,8 +216,8 @@ def test_a_port_that_is_taken_is_told_and_the_usual_one_gives_way():
     explorers = [Explorer(), Explorer()]
     ports = {explorer.address.split(":")[-1] for explorer in explorers}
     for explorer in explorers:
-        threading.Thread(target=explorer.serve, daemon=True).start()
         explorer.close()
+        explorer.wait()
     assert len(ports) == 2 and f"{USUAL_PORT}/" != explorers[1].address.split(":")[-1]
 
 

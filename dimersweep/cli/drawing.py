@@ -79,7 +79,7 @@ def explore(
         import webbrowser
 
         webbrowser.open(explorer.address)
-    explorer.serve()
+    explorer.wait()
 
 
 def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":

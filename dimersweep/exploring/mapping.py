@@ -127,7 +127,9 @@ class CubeMap:
         finite = whole[np.isfinite(whole)]
         low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
         share = (values - low) / ((high - low) or 1.0)
-        told["colors"] = np.where(np.isfinite(share), SHADES[np.nan_to_num(255 * share).astype(int)], "").tolist()
+        told["colors"] = np.where(
+            np.isfinite(share), SHADES[np.nan_to_num(255 * np.clip(share, 0, 1)).astype(int)], ""
+        ).tolist()
         told["values"] = [f"{value:.6g}" for value in values]
         units = units_shown(self.cube[shown].attrs.get("units", "1"))
         told["bar"] = {"ends": [f"{low:.4g}", f"{high:.4g}"], "label": with_units(shown.replace("_", " "), units)}

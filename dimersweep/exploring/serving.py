@@ -32,14 +32,16 @@ class Explorer:
         page = LivePage(cube)
         self._server = _listen(port, partial(_Answer, page))
         self.address = f"http://{HERE}:{self._server.server_port}/"
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
         threading.Thread(target=_warm_up, args=(page,), daemon=True).start()
 
     def _repr_html_(self) -> str:
         return IFRAME.format(f'src="{self.address}" allow="clipboard-write"')
 
-    def serve(self) -> None:
-        """Answer browsers, until `close` is called from another thread."""
-        self._server.serve_forever()
+    def wait(self) -> None:
+        """Return when it is closed."""
+        self._thread.join()
 
     def close(self) -> None:
         """End it, and give the port back."""
@@ -142,6 +144,4 @@ def explore(cube: xr.Dataset | None = None) -> Explorer:
     True
     >>> explorer.close()
     """
-    explorer = Explorer(cube)
-    threading.Thread(target=explorer.serve, daemon=True).start()
-    return explorer
+    return Explorer(cube)

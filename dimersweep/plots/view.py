@@ -2,10 +2,11 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from html import escape
 from math import degrees
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,8 @@ PAGE = Path(__file__).with_name("view.html")
 IFRAME = '<iframe title="dimersweep" style="width: 100%; height: 720px; border: 0" {}></iframe>'
 
 
-class View(NamedTuple):
+@dataclass(frozen=True, repr=False)
+class View:
     """A page of HTML, which needs nothing else, and shows itself in a notebook."""
 
     html: str
