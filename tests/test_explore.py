@@ -344,7 +344,7 @@ def test_a_map_is_clicked_compared_linked_copied_and_saved(cube, tmp_path):
 
         page.wait_for_function("document.querySelectorAll('#key i').length > 0")
         drawn(page, lambda: click(0.5, 0.75))
-        assert page.locator("#cell").inner_text() == "β(0) = 16°, Γ = 0.9: drift"
+        assert page.locator("#cell").inner_text() == "β(0) [°] 16, Γ 0.9: drift"
         assert told(page) == "drift" and "at=0%2C1%2C2" in page.url
         page.locator("body").press("c")
         page.locator(".pinned .conditions").get_by_text("β(0)").wait_for()
@@ -369,7 +369,7 @@ def test_a_map_is_clicked_compared_linked_copied_and_saved(cube, tmp_path):
         page.get_by_label("shown", exact=True).select_option("radius")
         page.locator("#key").get_by_text("radius [m]").wait_for()
         # out of the page
-        page.locator("[data-copy=Python]").first.click()
+        page.get_by_role("button", name="Python").first.click()
         code = page.evaluate("navigator.clipboard.readText()")
         assert code == page.locator(".run pre").first.inner_text()
         assert eval(code, {"dimersweep": dimersweep}).mode == modes[0]

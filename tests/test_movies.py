@@ -66,6 +66,8 @@ def test_a_gif_moves(run, tmp_path):
         image.seek(image.n_frames // 2)
         later = np.asarray(image.convert("RGB"), dtype=int)
     assert (np.abs(first - later).max(axis=2) > 60).sum() > 200
+    colors = {tuple(color) for color in np.concatenate([first, later]).reshape(-1, 3) // 32}
+    assert {(7, 7, 2), (1, 1, 1)} <= colors  # the marks of the balls: yellow and black
 
 
 @pytest.mark.parametrize("fps", [7, 24, 30, 60, 120])

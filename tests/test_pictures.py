@@ -6,7 +6,6 @@ import xarray as xr
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
-from matplotlib.path import Path
 
 import dimersweep
 from dimersweep.cubes.cube import FLAGS
@@ -653,20 +652,18 @@ def test_the_bars_of_a_budget_are_its_works(run):
     assert axes.get_xlabel() == "work on the dimer, per forcing period [µJ]"
 
 
-def check_marks(stripes, shown, k, look, balls):
-    """Each stripe has the place of the mark, or the opposite one, in its middle where that is seen, and stays on its ball."""
-    look, axis = np.array(look, float), np.diff(shown.balls[k], axis=0)[0]
-    axis, toward = axis / np.linalg.norm(axis), np.cross(*look)
-    for stripe, ball, side in zip(stripes, np.repeat(balls, 2), (1, -1, 1, -1), strict=True):
-        middle = side * shown.mark[k]
-        places = (stripe.get_xy() - ball.center) / ball.radius
-        assert not stripe.get_visible() or np.hypot(*places.T).max() < 1 + 1e-9
-        covers = stripe.get_visible() and Path(places).contains_point(look @ middle)
-        assert covers == (middle @ toward > 0) or abs(middle @ toward) < 0.1
-        (x, y), (u, v) = places.T, np.roll(places, -1, axis=0).T
-        area = abs((x * v - y * u).sum()) / 2 if stripe.get_visible() else 0
-        assert area < 2 * 0.3 * 2 * max(0.15, middle @ toward)  # less than a band of its width on a ball, as it is seen
-    assert len({to_hex(stripe.get_facecolor()) for stripe in stripes}) == 2
+def check_marks(lines, shown, k, look, balls):
+    """Each mark goes from pole to pole of its ball, through the place of the mark or the opposite one, where it is seen."""
+    axis, toward = np.diff(shown.balls[k], axis=0)[0], np.cross(*look)
+    axis /= np.linalg.norm(axis)
+    for line, ball, side in zip(lines, np.repeat(balls, 2), (1, -1, 1, -1), strict=True):
+        places = (line.get_xydata() - ball.center) / ball.radius
+        angles = np.linspace(0, np.pi, len(places))
+        points = np.outer(np.cos(angles), axis) + side * np.outer(np.sin(angles), shown.mark[k])
+        seen = points @ toward > 0
+        np.testing.assert_array_equal(np.isfinite(places), np.column_stack([seen, seen]))
+        np.testing.assert_allclose(places[seen], 0.92 * points[seen] @ np.transpose(look), atol=1e-12)
+    assert len({to_hex(line.get_color()) for line in lines}) == 2
 
 
 @pytest.mark.jit

@@ -25,19 +25,8 @@ SHADES = np.array([to_hex(color) for color in colormaps["viridis"](np.linspace(0
 label_of = partial(label, tex=False)
 
 
-def shown_as(name: str, values: np.ndarray) -> np.ndarray:
-    """Values of a parameter in the unit that it is shown in: degrees for an angle."""
-    return np.rad2deg(values) if is_angle(name) else values
-
-
 def axes_of(cube: xr.Dataset) -> list[str]:
-    """The parameters that a map of a cube may have along its sides: its axes, or what varies from point to point.
-
-    Raises
-    ------
-    ParameterError
-        If it is no cube, has no such axis, or a map has too many cells.
-    """
+    """The parameters that a map of a cube may have along its sides: its axes, or what varies from point to point."""
     if not isinstance(cube, xr.Dataset) or "mode" not in cube:
         raise ParameterError(f"explore: {type(cube).__name__} is no cube; give one of sweep, or of open_cube(path)")
     mode = cube["mode"]
@@ -47,25 +36,13 @@ def axes_of(cube: xr.Dataset) -> list[str]:
     axes = fixed_of(cube)[1] if points else wide
     if not axes or not mode.size:
         raise ParameterError("explore: needs a cube over at least one axis of more than one value")
-    shown = [mode.sizes["point"]] if points else [mode.sizes[name] for name in axes[-2:]]
-    if prod(shown) > MOST_CELLS:
+    if prod([mode.sizes["point"]] if points else [mode.sizes[name] for name in axes[-2:]]) > MOST_CELLS:
         raise ParameterError(f"explore: a map of more than {MOST_CELLS} cells; give a part of the cube")
     return axes
 
 
 class CubeMap:
-    """A cube as a page asks for it.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        With one axis of the model or more, or of points of which one parameter or more varies.
-
-    Raises
-    ------
-    ParameterError
-        If it is no cube, has no such axis, or a map has too many cells.
-    """
+    """A cube as a page asks for it; one that has no map is refused by a `ParameterError`, as is what a page asks in vain."""
 
     def __init__(self, cube: xr.Dataset) -> None:
         self.axes, self.cube, self.mode = axes_of(cube), cube, cube["mode"]
@@ -77,33 +54,24 @@ class CubeMap:
 
     def told(self) -> dict[str, Any]:
         """What a page needs to ask for a part: axes, values of the others, and what may be shown."""
+        values = {name: self.cube[name] for name in self.fixed}
+        words = {
+            name: names(each).values.tolist()
+            if name == "direction"
+            else [as_shown(name, value) for value in each.values]
+            for name, each in values.items()
+        }
         return {
             "title": str(self.cube.attrs.get("title", "cube of dimersweep")),
             "dims": self.dims,
             "points": self.points,
             "sides": {name: label_of(name) for name in reversed(self.axes)} if self.points else {},
-            "fixed": {name: {"label": label_of(name), "values": self._words(name)} for name in self.fixed},
+            "fixed": {name: {"label": label_of(name), "values": each} for name, each in words.items()},
             "shown": self.shown,
         }
 
-    def _words(self, name: str) -> list[str]:
-        values = self.cube[name]
-        direction = name == "direction"
-        return names(values).values.tolist() if direction else [as_shown(name, value) for value in values.values]
-
     def part(self, asked: dict[str, str]) -> dict[str, Any]:
-        """The cells of a part of the cube: where they lie, their colours, and what is said of each.
-
-        Parameters
-        ----------
-        asked : dict of str to str
-            The place along each axis that is no side; what is `shown`; and, of points, what runs `right` and `up`.
-
-        Raises
-        ------
-        ParameterError
-            If there is no such place, quantity or side.
-        """
+        """The cells of the part at places along `fixed` axes: where they lie, their colours, and what is said of each."""
         shown = _one_of("shown", asked.get("shown", "mode"), self.shown)
         fixed = {name: _place(name, asked.get(name, "0"), self.mode.sizes[name]) for name in self.fixed}
         x, y = self.axes[-1], self.axes[-2] if len(self.axes) > 1 else ""
@@ -114,7 +82,8 @@ class CubeMap:
         values, modes = part[shown].values.ravel(), names(part["mode"]).values.ravel().tolist()
         told: dict[str, Any] = {"modes": modes, "dims": dims}
         for way, name in (("x", x), ("y", y)):
-            along = shown_as(name, self.cube[name].values) if name else np.array([0.5])
+            along = self.cube[name].values if name else np.array([0.5])
+            along = np.rad2deg(along) if name and is_angle(name) else along
             told[way] = {"name": name, "label": name and label_of(name), "at": along.tolist()}
             told[way]["log"] = bool(name) and not self.points and is_geometric(along)
             told[way]["edges"] = [along.min(), along.max()] if self.points else edges_of(along).tolist()
@@ -137,23 +106,15 @@ class CubeMap:
         return told
 
     def run(self, at: str) -> tuple[Run, dict[str, Any]]:
-        """The run behind a point, given by its places along the dimensions of the cube, and how to make it again.
-
-        Raises
-        ------
-        ParameterError
-            If there is no such point, or no run behind it.
-        """
+        """The run behind a point, given by its places along the dimensions of the cube, and how to make it again."""
         places = at.split(",")
         if len(places) != len(self.dims):
             raise ParameterError(f"at = {at}: must have a place along each of {', '.join(self.dims)}")
-        point = self.cube.isel(
-            {name: _place(name, text, self.mode.sizes[name]) for name, text in zip(self.dims, places, strict=True)}
-        )
-        run: Run = point.dimersweep.run()
-        how = behind(point).how
-        again = {"periods": max(how.periods, run.n_periods), "stop_when_settled": how.stop_when_settled}
-        return run, again | {"rtol": how.rtol}
+        where = {name: _place(name, at, self.mode.sizes[name]) for name, at in zip(self.dims, places, strict=True)}
+        point = self.cube.isel(where)
+        run, how = point.dimersweep.run(), behind(point).how
+        periods = max(how.periods, run.n_periods)
+        return run, {"periods": periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
 
 
 def _one_of(name: str, word: str, words: list[str]) -> str:

@@ -9,7 +9,7 @@ import xarray as xr
 from dimersweep.errors import ParameterError
 from dimersweep.exploring.mapping import CubeMap
 from dimersweep.inputs import check_count
-from dimersweep.parameters import check_name
+from dimersweep.parameters import check_name, completed
 from dimersweep.plots.view import USUAL_SPEED, as_shown, filled, seen, stretch_of
 from dimersweep.runs.simulating import simulate
 from dimersweep.symbols import BASE, LEFT_OUT, PARAMETERS, symbol, units_of
@@ -42,13 +42,7 @@ def _field(name: str) -> dict[str, Any]:
 
 
 class LivePage:
-    """A page of one dimer, and of a cube if there is one.
-
-    Raises
-    ------
-    ParameterError
-        As `CubeMap`.
-    """
+    """A page of one dimer, and of a cube if there is one; it raises a `UserError` where what is asked for cannot be."""
 
     def __init__(self, cube: xr.Dataset | None = None) -> None:
         self.map = None if cube is None else CubeMap(cube)
@@ -69,18 +63,7 @@ class LivePage:
         return filled(told, "dimersweep explore", CONTROLS.read_text(encoding="utf-8"))
 
     def run(self, asked: dict[str, str]) -> dict[str, Any]:
-        """What a page draws of a run, see `seen`.
-
-        Parameters
-        ----------
-        asked : dict of str to str
-            Parameters by their names, and settings; `shown`, start or end; `stretch`, in forcing periods; and `at`, the
-            place of a point of the cube, in place of all others.
-
-        Raises
-        ------
-        UserError
-        """
+        """What a page draws of a run, see `seen`: of parameters and settings, or `at` a point of the cube in their place."""
         how: dict[str, Any] = SHOWN_STRETCH | asked
         shown, stretch = how.pop("shown"), check_count("stretch", _number(how.pop("stretch")))
         if shown not in ("start", "end"):
@@ -99,7 +82,7 @@ class LivePage:
         return told | {
             "at": at,
             "settings": held,
-            "place": {name: as_shown(name, value) for name, value in run.parameters.items()},
+            "place": {name: as_shown(name, value) for name, value in completed(run.parameters).items()},
         }
 
 

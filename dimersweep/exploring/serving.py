@@ -64,13 +64,7 @@ class _Server(ThreadingHTTPServer):
 
 
 def _listen(port: int | None, answer: Any) -> _Server:
-    """A server on a port; on the usual one, or any that is free, if none is given.
-
-    Raises
-    ------
-    StoreError
-        If the port is taken.
-    """
+    """A server on a port; on the usual one, or any that is free, if none is given; a `StoreError` if it is taken."""
     for each in (USUAL_PORT, 0) if port is None else (port,):
         try:
             return _Server((HERE, each), answer)

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -15,26 +15,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon, Rectangle
+from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Affine2D
 from PIL import Image
+from PIL.ImageColor import getrgb
 
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import StoreError
 from dimersweep.inputs import check_count
-from dimersweep.plots.playback import (
-    BALLS,
-    MARKS,
-    MOST_FRAMES,
-    PATH_COLOR,
-    PLATE,
-    ROD,
-    STRIPE,
-    Frames,
-    Playback,
-    frames,
-)
+from dimersweep.plots.playback import BALLS, MARKS, MOST_FRAMES, PATH_COLOR, PLATE, ROD, Frames, Playback, frames
 from dimersweep.plots.style import entitle
 from dimersweep.plots.view import page_of
 from dimersweep.storage.files import disk_errors, replacing
@@ -44,7 +34,7 @@ MOVIES = (".gif", ".mp4", ".html")
 MOST_DPI = 600
 MOST_FPS_OF_GIF = 50  # browsers show a delay below two hundredths of a second as ten
 COLORS_OF_GIF = 64
-POLE_TO_POLE = np.linspace(0, np.pi, 24)  # a stripe of a ball, from pole to pole
+POLE_TO_POLE = np.linspace(0, np.pi, 24)[:, None]  # along a mark of a ball
 
 
 def check_movie(path: str | os.PathLike[str], *, force: bool) -> Path:
@@ -104,11 +94,16 @@ def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
 
     Delays are whole hundredths of a second; what is left over of one goes to the next.
     """
-    first = Image.fromarray(next(pictures)).quantize(COLORS_OF_GIF)
-    others = (Image.fromarray(each).quantize(palette=first, dither=Image.Dither.NONE) for each in pictures)
+    begin = next(pictures)
+    swatch = np.resize(
+        [getrgb(color) for color in (*BALLS, *MARKS)], begin[:20].shape
+    )  # colours that may not be seen yet
+    palette = Image.fromarray(np.concatenate([begin, swatch.astype(np.uint8)])).quantize(COLORS_OF_GIF)
+    pictures = chain([begin], pictures)
+    reduced = (Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures)
     delays = np.diff(np.round(100 * np.arange(MOST_FRAMES + 1) / fps).astype(int))
     how: dict[str, Any] = {"duration": (10 * delays).tolist(), "loop": 0, "optimize": True}
-    first.save(path, format="GIF", save_all=True, append_images=others, **how)
+    next(reduced).save(path, format="GIF", save_all=True, append_images=reduced, **how)
 
 
 def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
@@ -216,44 +211,19 @@ def _moving(
     circles = [Circle((0, 0), radius, color=color) for radius, color in zip(shown.radii, BALLS, strict=True)]
     for circle in circles:
         axes.add_patch(circle)
-    stripes = [
-        (circle, side, Polygon([(0, 0)], color=MARKS[side], linewidth=0)) for circle in circles for side in (0, 1)
-    ]
-    for _, _, stripe in stripes:
-        axes.add_patch(stripe)
+    marks = [axes.plot([], [], color=color, linewidth=1.5)[0] for _ in circles for color in MARKS]
 
     def move(k: int) -> list[Any]:
         axis = np.diff(shown.balls[k], axis=0)[0] / length
-        body = np.stack([axis, shown.mark[k], np.cross(axis, shown.mark[k])])
         for circle, centre in zip(circles, balls[k], strict=True):
             circle.center = tuple(centre)
-        for circle, side, stripe in stripes:
-            outline = _seen(side, body @ looks[k].T)
-            stripe.set_visible(len(outline) > 0)
-            stripe.set_xy(circle.center + circle.radius * outline)
+        for line, (circle, side) in zip(marks, product(circles, (1, -1)), strict=True):
+            seen = (np.cos(POLE_TO_POLE) * axis + side * np.sin(POLE_TO_POLE) * shown.mark[k]) @ looks[k].T
+            line.set_data(*np.where(seen[:, 2:] > 0, circle.center + 0.92 * circle.radius * seen[:, :2], np.nan).T)
         rod.set_data(*balls[k].T)
-        moved = [*others, rod, *circles, *(stripe for _, _, stripe in stripes)]
+        moved = [*others, rod, *circles, *marks]
         for artist in moved:
             artist.set_transform(places[k] + axes.transData)
         return moved
 
     return move
-
-
-def _seen(side: int, body: np.ndarray) -> np.ndarray:
-    """The outline of a stripe on a ball of radius 1 where its middle is seen, shape (n, 2).
-
-    `body` has as rows the axis, the mark, and what is square to both, each to the right, up, and toward who looks.
-    """
-    middle, right, left = (
-        np.column_stack(
-            [np.cos(POLE_TO_POLE), np.sin(POLE_TO_POLE) * np.cos(aside), np.sin(POLE_TO_POLE) * np.sin(aside)]
-        )
-        @ body
-        for aside in side * np.pi + STRIPE * np.array([0, 1, -1])
-    )
-    front = middle[:, 2] > 0
-    edges = np.concatenate([right[front], left[front][::-1]])
-    return edges[:, :2] / np.where(
-        edges[:, 2:] < 0, np.hypot(edges[:, :1], edges[:, 1:2]), 1.0
-    )  # just behind: on the rim

@@ -13,8 +13,7 @@ from dimersweep.parameters import dimer_from
 
 BALLS = ("#d62728", "#0072b2")  # p1, p2
 ROD, PLATE, PATH_COLOR = "#444444", "#56b4e9", "#999999"
-MARKS = ("#f0e442", "#222222")  # stripes of a ball from one pole on its axis to the other, on opposite sides
-STRIPE = 0.3  # half of the angle about the axis that a stripe takes
+MARKS = ("#f0e442", "#222222")  # of a ball, on opposite sides, from one pole on its axis to the other
 SLOWED = 20.0  # how much slower the double impacts are shown
 NEAR_IMPACT = 0.04  # of a double impact, in forcing periods on either side
 MOST_FRAMES = 2000

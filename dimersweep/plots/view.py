@@ -13,7 +13,7 @@ import numpy as np
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.inputs import check_count, number
 from dimersweep.parameters import reduced
-from dimersweep.plots.playback import BALLS, MARKS, MOST_FRAMES, ROD, STRIPE, Playback, frames, playback_of
+from dimersweep.plots.playback import BALLS, MARKS, MOST_FRAMES, ROD, Playback, frames, playback_of
 from dimersweep.plots.style import MODE_COLORS
 from dimersweep.plots.tables import repeats_in, run_rows
 from dimersweep.symbols import BASE, LEFT_OUT, MODE_MEANINGS, START, is_angle
@@ -37,28 +37,13 @@ class View:
 
 
 def stretch_of(run: SeenRun, periods: int, *, last: bool) -> Playback:
-    """The stretch of a run that a page shows, in as many frames as its curves need.
-
-    Raises
-    ------
-    ParameterError
-        If that is no number of periods, or the run has nothing to show.
-    """
+    """The stretch of a run that a page shows, in as many frames as its curves need."""
     pace = min(FRAMES_A_PERIOD, MOST_FRAMES // check_count("periods", periods)) * run.parameters["f"]
     return playback_of(run, periods, 1.0, max(1, int(pace)), last=last)
 
 
 def seen(run: SeenRun, playback: Playback, settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """What a page is told of a run: its verdict in words, its numbers, and what is drawn of it [mm].
-
-    Parameters
-    ----------
-    run : SeenRun
-    playback : Playback
-        The stretch that is shown.
-    settings : mapping, optional
-        Of `simulate`, with which the run is made again; by default its periods.
-    """
+    """What a page is told of a run: its verdict, its numbers, how it is made again with `settings`, what is drawn [mm]."""
     shown = frames(run, playback)
     (first, second), centre = shown.balls[0], shown.centre[0]
     digits = SHOWN_DIGITS - int(np.ceil(np.log10(shown.radii.min())))
@@ -127,7 +112,7 @@ def _exact(name: str, value: float) -> float | str:
 
 def filled(told: Mapping[str, Any], title: str, beside: str = "") -> str:
     """The page, with what it is told and what stands beside its pictures; nothing in the former is markup."""
-    look = {"balls": BALLS, "rod": ROD, "marks": MARKS, "stripe": STRIPE}
+    look = {"balls": BALLS, "rod": ROD, "marks": MARKS}
     data = json.dumps({"look": look, **told}, allow_nan=False).replace("<", "\\u003c")
     page = PAGE.read_text(encoding="utf-8").replace("<!-- beside -->", beside)
     return page.replace("<!-- title -->", escape(title)).replace('"told"', data)
