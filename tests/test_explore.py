@@ -342,7 +342,7 @@ def test_a_map_is_clicked_compared_linked_copied_and_saved(cube, tmp_path):
                 box["x"] + 46 + right * (box["width"] - 54), box["y"] + 8 + (1 - up) * (box["height"] - 38)
             )
 
-        page.wait_for_function("document.querySelectorAll('#key i').length > 0")
+        page.locator("#key i").first.wait_for()  # the map is drawn
         drawn(page, lambda: click(0.5, 0.75))
         assert page.locator("#cell").inner_text() == "β(0) [°] 16, Γ 0.9: drift"
         assert told(page) == "drift" and "at=0%2C1%2C2" in page.url
@@ -415,6 +415,7 @@ def test_markup_in_a_cube_is_shown_as_it_is_written(cube):
     held[name] = held["radius"]
     with opened(held.assign_attrs(title=MARKUP)) as page:
         assert page.locator("h1").inner_text() == MARKUP
+        page.locator("#key i").first.wait_for()  # the map is drawn
         page.locator(".marks").hover()
         page.get_by_text(word).wait_for()
         page.get_by_label("shown", exact=True).select_option(name)
