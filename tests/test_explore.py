@@ -304,6 +304,7 @@ def test_a_dimer_is_played_with():
         assert page.locator("#error").inner_text() == ""
         page.get_by_text("all other parameters").click()
         drawn(page, lambda: page.locator("#of-tilt").fill("2"))
+        assert page.locator(".pictures").bounding_box()["height"] < 860  # however long the list beside them is
         assert "tilt=2+deg" in page.url
         drawn(page, lambda: page.get_by_text("base case").click())
         assert page.url.endswith("#") and told(page) == "drift"
