@@ -257,6 +257,21 @@ QUANTITIES = {
     "made_with": Quantity("1", "checksum of the parameters and settings that all runs of the cube were made with", 0),
 }
 
+# what each mode of motion means; a backtick stands around what is a name
+MODE_MEANINGS = {
+    "not_run": "the point has not been run",
+    "failed": "the run could not be finished; `status` says why",
+    "rest": "both ends stay on the plate and stick; the dimer lies still, or rolls on at a `speed` that does not change",
+    "drift": "the motion repeats every forcing period; the raised end lands once, the other one stays down nearly all the time",
+    "jump": "both ends leave the plate and land almost together",
+    "flutter": "the ends take turns, with a period longer than the forcing period",
+    "period_n": "any other motion that repeats after n forcing periods",
+    "aperiodic": "bounded, and does not repeat",
+    "unresolved": "had not settled within the periods given; ask for more",
+    "rolls": "both ends stay on the plate and stick, and `speed` changes, as down a slope; it is that at the end",
+    "slides": "both ends stay on the plate, and one or both slip; `speed` is that at the end",
+}
+
 # what a recorded run gives of each event, and of each moment
 EVENT_QUANTITIES = {
     "time": Quantity("s", "time since the start", 0),

@@ -22,6 +22,7 @@ from dimersweep.symbols import (
     HIGHER,
     INSTEAD,
     LEFT_OUT,
+    MODE_MEANINGS,
     PARAMETERS,
     QUANTITIES,
     SETTINGS,
@@ -35,23 +36,10 @@ BYTES_IN_CUBE = 468  # of memory, a point of a cube that is written as NetCDF: b
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 
 # what the words of the flags stand for; a word that is missing here stops the build
-MODES = {
-    "not_run": "the point has not been run",
-    "failed": "the run could not be finished; `status` says why",
-    "rest": "both ends stay on the plate and stick; the dimer lies still, or rolls on at a `speed` that does not change",
-    "drift": "the motion repeats every forcing period; the raised end lands once, the other one stays down nearly all the time",
-    "jump": "both ends leave the plate and land almost together",
-    "flutter": "the ends take turns, with a period longer than the forcing period",
-    "period_n": "any other motion that repeats after n forcing periods",
-    "aperiodic": "bounded, and does not repeat",
-    "unresolved": "had not settled within the periods given; ask for more",
-    "rolls": "both ends stay on the plate and stick, and `speed` changes, as down a slope; it is that at the end",
-    "slides": "both ends stay on the plate, and one or both slip; `speed` is that at the end",
-}
 WORDS = {
-    "mode": MODES,
-    "outcome": MODES,
-    "region": MODES | {"mixed": "the runs led to several modes, and none of them is the one asked for"},
+    "mode": MODE_MEANINGS,
+    "outcome": MODE_MEANINGS,
+    "region": MODE_MEANINGS | {"mixed": "the runs led to several modes, and none of them is the one asked for"},
     "status": dict(zip(STATUSES, STATUS_MESSAGES, strict=True)),
     "di_end": {
         "none": "there was no double impact, or the mode is not drift",

@@ -351,13 +351,11 @@ def test_a_signal_ends_every_command_in_one_way(call, monkeypatch, number):
 
 
 def test_ctrl_c_ends_a_server_as_it_ends_all_else(call, monkeypatch):
-    """Which takes the signal for its own end, and returns."""
-    panel = pytest.importorskip("panel")
     exit_plainly(monkeypatch)
-    monkeypatch.setattr("dimersweep.storage.cubefiles.open_cube", lambda path: None)
-    monkeypatch.setattr("dimersweep.exploring.board.Board", lambda cube: None)
-    monkeypatch.setattr(panel, "serve", lambda *rest, **more: None)
-    assert call("explore", "a.nc")[1:] == ("dimersweep: interrupted: nothing was written\n", 130)
+    monkeypatch.setattr("dimersweep.exploring.serving.Explorer.wait", lambda self: signal.raise_signal(signal.SIGINT))
+    out, err, code = call("explore", "--no-show", "--port", "0")
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/ \(Ctrl-C ends it\)\n", out)
+    assert (err, code) == ("dimersweep: interrupted: nothing was written\n", 130)
 
 
 @pytest.mark.parametrize("port", ["80000", "65536", "-1", "99999999999999999999"])
