@@ -12,7 +12,7 @@ from dimersweep.inputs import check_count
 from dimersweep.parameters import check_name, completed
 from dimersweep.plots.view import USUAL_SPEED, as_shown, filled, seen, stretch_of
 from dimersweep.runs.simulating import simulate
-from dimersweep.symbols import BASE, LEFT_OUT, PARAMETERS, symbol, units_of
+from dimersweep.symbols import BASE, HIGHER, LEFT_OUT, PARAMETERS, symbol, units_of
 
 SECONDS = 10.0  # at most, of a run that a page waits for
 SETTINGS_SHOWN = {
@@ -38,7 +38,8 @@ def _field(name: str) -> dict[str, Any]:
     value = BASE.get(name, LEFT_OUT.get(name, ""))
     base = value if isinstance(value, str) else as_shown(name, value)
     told = {"name": name, "label": symbol(name), "unit": units_of(name), "says": PARAMETERS[name].long_name}
-    return told | {"base": base if name in BASE else "", "usual": base, "range": SLIDERS.get(name)}
+    shown = {"range": SLIDERS.get(name), "higher": name in HIGHER}
+    return told | {"base": base if name in BASE else "", "usual": base} | shown
 
 
 class LivePage:
