@@ -314,4 +314,5 @@ Picture = Literal[
     "shares",
     "planar",
     "bifurcation",
+    "circles",
 ]

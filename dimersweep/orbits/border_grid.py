@@ -12,7 +12,7 @@ import xarray as xr
 
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.inputs import check_switch
-from dimersweep.orbits import bifurcation_curve, sequence_curve, stability_end  # noqa: F401 - they enter the curves of all kinds
+from dimersweep.orbits import bifurcation_curve, pitchfork_curve, sequence_curve, stability_end  # noqa: F401 - they enter the curves of all kinds
 from dimersweep.orbits.curve import Curve, Found, Place, asked, shortened
 from dimersweep.orbits.finding import RTOL
 from dimersweep.orbits.orbit import PeriodicOrbit

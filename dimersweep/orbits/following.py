@@ -11,13 +11,13 @@ import xarray as xr
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, number
 from dimersweep.orbits.branch import Axis, Point, point_of
-from dimersweep.orbits.continuation import FOLLOWING, steps
+from dimersweep.orbits.continuation import FOLLOWING, LOCATED, steps
 from dimersweep.orbits.kinds import FLIP, Kind
 from dimersweep.orbits.manifold import slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Recorder
-from dimersweep.orbits.specials import Special, doubled, specials
+from dimersweep.orbits.specials import Special, doubled, specials, to_plane
 from dimersweep.orbits.stability_end import GAP, beyond_gap, furthest, kind_beyond
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
@@ -125,6 +125,7 @@ def traced(
 ) -> Trace:
     """The points of a branch; see `follow`."""
     axis, start, to = _axis(orbit, parameter, to, sustained)
+    free = axis.spin is None
     edges = {
         to / axis.scale: (to, "to: the value asked for is reached"),
         start / axis.scale: (start, "back: the branch has turned round to its start"),
@@ -138,12 +139,15 @@ def traced(
             try:
                 a, b, edge = next(taken)
             except OrbitLost:
-                if not sustained:
+                if not free:
                     raise
                 point, end = _over_kink(point, *sorted((start, to)))
                 rows.append(_row(point))
                 taken = steps(point, FOLLOWING, tuple(edges))
                 continue
+            mirrored = free and a.fixed.image.spin * b.fixed.image.spin < 0
+            if mirrored:
+                b, fork = to_plane(a, b)
             found, leap = specials(a, b, sequences)
             flip = next((k for k, special in enumerate(found) if switch and special.kind is FLIP), None)
             rows += [_row(special.point, special) for special in found[: None if flip is None else flip + 1]]
@@ -152,7 +156,8 @@ def traced(
             elif flip is not None:
                 point, switch = doubled(found[flip].point), False
                 taken = steps(point, FOLLOWING, tuple(edges))
-            elif sustained and a.fixed.image.spin * b.fixed.image.spin < 0:
+            elif mirrored:
+                rows.append(_row(fork.point, fork) if fork else _row(b))
                 end = MIRRORED
                 continue
             elif edge is not None:
@@ -179,7 +184,8 @@ def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool
         raise ParameterError("parameter = 'spin': is free on a branch of sustained spins")
     if to == value:
         raise ParameterError(f"to = {to}: must differ from the value {parameter} has")
-    spin = None if sustained else orbit.spin
+    in_plane = parameter != "spin" and abs(orbit.spin) <= LOCATED * orbit.fixed.map.unit
+    spin = 0.0 if in_plane else None if sustained else orbit.spin
     return Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), spin), value, to
 
 
