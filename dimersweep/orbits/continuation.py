@@ -15,8 +15,8 @@ from dimersweep.errors import OrbitError
 from dimersweep.orbits.poincare import OrbitLost
 
 LOCATED = 1e-9  # how well a zero is known, in the parameter over its scale, or as a share of a step
-# part of a test function at the ends of a step, below which it does not leap over zero; where the spin is free, and the function
-# known less well
+# part of a test function at the ends of a step, below which it does not leap over zero; where the spin is free, and the
+# function known less well
 LEAP, SLOW_LEAP = 1e-3, 1e-2
 SAME_WAY = 0.7  # product of the tangents at both ends of a step, below which it is too long
 

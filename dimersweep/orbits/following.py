@@ -145,9 +145,10 @@ def traced(
                 rows.append(_row(point))
                 taken = steps(point, FOLLOWING, tuple(edges))
                 continue
-            mirrored = free and a.fixed.image.spin * b.fixed.image.spin < 0
-            if mirrored:
-                b, fork = to_plane(a, b)
+            if free and a.fixed.image.spin * b.fixed.image.spin < 0:
+                fork, end = to_plane(a, b), MIRRORED
+                rows += [_row(fork.point, fork)] if fork else []
+                continue
             found, leap = specials(a, b, sequences)
             flip = next((k for k, special in enumerate(found) if switch and special.kind is FLIP), None)
             rows += [_row(special.point, special) for special in found[: None if flip is None else flip + 1]]
@@ -156,10 +157,6 @@ def traced(
             elif flip is not None:
                 point, switch = doubled(found[flip].point), False
                 taken = steps(point, FOLLOWING, tuple(edges))
-            elif mirrored:
-                rows.append(_row(fork.point, fork) if fork else _row(b))
-                end = MIRRORED
-                continue
             elif edge is not None:
                 value, end = edges[edge]
                 point = b._replace(value=value)

@@ -64,6 +64,10 @@ class Kind:
         """A function of a point of a branch that changes its sign at the border; NaN if there is none."""
         return float("nan")
 
+    def holds(self, point: Point) -> bool:
+        """Whether the border is at a point where its test function is zero."""
+        return True
+
     def others(self, values: np.ndarray) -> np.ndarray:
         """Of multipliers at the border, those that it does not concern."""
         return values
@@ -213,11 +217,15 @@ class Pitchfork(Kind):
 
     def test(self, point: Point) -> float:
         """How a small spin grows; NaN but on branches in a plane."""
-        return growth_in_plane(point.fixed) if point.axis.spin == 0.0 else float("nan")
+        return growth_in_plane(point.fixed)[0] if point.axis.spin == 0.0 else float("nan")
+
+    def holds(self, point: Point) -> bool:
+        """Whether the drift is smooth there: else a spin that is small enough grows, or falls, on both sides."""
+        return growth_in_plane(point.fixed)[1]
 
     def mark(self, m: ReturnMap, image: Image) -> float:
-        """The same of an image, in a unit that makes it as large as other equations."""
-        return growth_in_plane(fixed_at(m, image.point)) / m.one_sided
+        """How a small spin grows beside the motion of an image, in a unit that makes it as large as other equations."""
+        return growth_in_plane(fixed_at(m, image.point))[0] / m.one_sided
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

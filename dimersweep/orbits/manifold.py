@@ -87,12 +87,12 @@ def slow_motion_at(fixed: Fixed) -> SlowMotion:
     return SlowMotion(fixed.z, image, image.theta, drift, turn_drift, fixed.residual)
 
 
-def growth_in_plane(fixed: Fixed) -> float:
-    """The derivative of the drift by the spin at a motion in a plane: how a small spin grows in a period, in units of itself.
+def growth_in_plane(fixed: Fixed) -> tuple[float, bool]:
+    """How a small spin grows in a period beside a motion in a plane, in units of itself, and whether the drift is smooth there.
 
-    The drift is odd in the spin. Where it is smooth, its ratio to the spin has no part but in even powers; else NaN. So it is
-    where an end slips, at any spin, through the turn of its slip in the plane: friction turns round over a time that goes with
-    the spin, which gives the drift a part like s log s.
+    The drift is odd in the spin. If it is smooth, its ratio to the spin has even powers alone. It is not where an end slips, at
+    any spin, through the turn of its slip in the plane: there friction turns round in a time that goes with the spin, which
+    gives the drift a part like s log s.
     """
     m, along = fixed.map, slow_direction(fixed)[0]
 
@@ -101,8 +101,7 @@ def growth_in_plane(fixed: Fixed) -> float:
         return slow_direction(solve(m, fixed.z + share * along, spin))[1] / spin
 
     first, second, third = (growth(times * SMALL_SPIN) for times in (1, 2, 4))
-    is_even = abs(third - second - 4 * (second - first)) < TOLERANCE * m.rtol
-    return (4 * first - second) / 3 if is_even else float("nan")
+    return (4 * first - second) / 3, bool(abs(third - second - 4 * (second - first)) < TOLERANCE * m.rtol)
 
 
 def slow_motion_of(fixed: Fixed) -> SlowMotion:

@@ -24,8 +24,7 @@ class PitchforkCurve(Curve, of=Pitchfork):
 
     def _from(self, orbit: PeriodicOrbit) -> Found:
         ways = self._ways(orbit)
-        if np.isnan(self.kind.test(ways[0])):
-            raise OrbitLost("an end slips through the turn of its slip: beside the plane the drift is not smooth")
+        self._check_smooth(ways[0])
         return self._found(first_found(partial(self._met, way) for way in ways).point)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
@@ -36,7 +35,12 @@ class PitchforkCurve(Curve, of=Pitchfork):
                 return self._found(with_derivatives(equations.solved(u, equations.derivative)[0]))
         raise OrbitLost("no pitchfork is found from its neighbour")
 
+    def _check_smooth(self, at: Point) -> None:
+        if not self.kind.holds(at):
+            raise OrbitLost("an end slips through the turn of its slip: beside the plane the drift is not smooth")
+
     def _found(self, at: Point) -> Found:
+        self._check_smooth(at)
         return Found(orbit_of(at.fixed), at.value, at.settled(), loses=self.kind.is_all(at.multipliers))
 
     def system(self, m: ReturnMap, near: Found) -> Equations:

@@ -29,9 +29,7 @@ JOINED = 0.1
 FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
 GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
 BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
-# part of a spin up to which a step that leads over a plane is looked at; distance of a pitchfork from there, in the parameter
-# over its scale, within which it is looked for
-SHORT_OF_PLANE, NEAR_FORK = 0.1, 1e-3
+NEAR_FORK = (1e-3, 1e-2)  # of a pitchfork from where the branch meets the plane, in the parameter over its scale
 GAP_SAMPLES = 64  # in a forcing period, of an end in the air
 TURN_KNOWN = 1e-7  # how well the time is known at which an end turns [rad]: the gap does not change to first order
 WIDE, NO_GAP = 0.05, 1e-9  # gap beyond which no impact is near; gap that counts as none, in units of the section
@@ -116,23 +114,24 @@ def located(kind: Kind, at: Between[Point]) -> Special | None:
     """The zero of a kind's test function in a step; none if the function does not change its sign, or leaps over zero."""
     leap = SLOW_LEAP if at[0.0].axis.spin is None else LEAP
     share = zero(at, kind.test, max(LOCATED / (abs(at.way[-1]) or at.length), 1e-14), leap)
-    return None if share is None else Special(kind, at[share], share)
+    return None if share is None or not kind.holds(at[share]) else Special(kind, at[share], share)
 
 
-def to_plane(a: Point, b: Point) -> tuple[Point, Special | None]:
-    """The last point of a branch of sustained spins in the step to its mirror image, and the pitchfork that it comes from.
+def to_plane(a: Point, b: Point) -> Special | None:
+    """The pitchfork at which a branch of sustained spins, in the step to its mirror image, parts from the motions in a plane.
 
     There is none where the drift is not smooth about a plane: the spin falls like an exponential and does not come to 0.
     """
-    between, spins = Between(a, b), [point.fixed.image.spin for point in (a, b)]
-    share = spins[0] / (spins[0] - spins[1])
-    before = between[(1 - SHORT_OF_PLANE) * share]
+    spins = [point.fixed.image.spin for point in (a, b)]
+    y = a.y + spins[0] / (spins[0] - spins[1]) * (b.y - a.y)
+    value, along = float(y[-1] * a.axis.scale), np.eye(y.size)[-1]
     with suppress(OrbitLost):
-        at = between[share]
-        plane = point_of(at.axis._replace(spin=0.0), solve(at.map, at.fixed.z, 0.0), at.value)
-        along = NEAR_FORK * np.eye(plane.y.size)[-1]
-        return before, located(PITCHFORK, Between(*(plane.on_plane(plane.y + by * along, along) for by in (-1, 1))))
-    return before, None
+        plane = point_of(a.axis._replace(spin=0.0), solve(a.axis.map_at(a.map, y[-1]), y[:-1], 0.0), value)
+        for near in NEAR_FORK:
+            sides = (plane.on_plane(plane.y + by * along, along) for by in (-near, near))
+            if found := located(PITCHFORK, Between(*sides)):
+                return found
+    return None
 
 
 def sequence_changes(a: Point, b: Point) -> Iterator[Special]:

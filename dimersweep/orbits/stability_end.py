@@ -177,7 +177,7 @@ def _accepted(holds: Holds, nxt: Point, leap: np.ndarray) -> Point:
 def _in_step(a: Point, b: Point) -> Special:
     """Where stability is lost in a step."""
     if is_stable(b):
-        if fork := to_plane(a, b)[1]:
+        if fork := to_plane(a, b):
             return fork
         raise OrbitLost("the spin falls like an exponential, and does not come to 0")
     at = Between(a, b)
