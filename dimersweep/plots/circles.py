@@ -8,6 +8,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from dimersweep.cubes.findings import edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.plots.checking import check_cube
 from dimersweep.plots.style import MODE_COLORS, fixed_of, framed, label, log_scale, mark
@@ -50,6 +51,7 @@ def circles(cube: xr.Dataset) -> Figure:
         raise ParameterError(f"circles: {len(names)} parameters vary; draws 1 to 2 of them")
     at, *columns = (one.values.ravel() for one in xr.broadcast(cube["sustained_spin"], *(cube[name] for name in names)))
     figure, panels = framed(cube, (9.0, 4.2 if len(names) == 2 else 3.2), ncols=2)
+    edges = [edges_of(np.unique(column))[[0, -1]] for column in columns]
     has_circle = np.isfinite(cube["sustained_radius"].values.ravel())
     for axes, quantity in zip(panels, ("sustained_radius", "sustained_time"), strict=True):
         values = cube[quantity].values.ravel()
@@ -66,6 +68,7 @@ def circles(cube: xr.Dataset) -> Figure:
             drawn = axes.scatter(*(column[has_circle] for column in columns), c=values[has_circle], norm=norm, **how)
             figure.colorbar(drawn, ax=axes, label=text)
             mark(axes.yaxis, names[1])
+            axes.set(xlim=edges[0], ylim=edges[1])
         mark(axes.xaxis, names[0])
     if len(names) == 1:
         log_scale(panels[1])
