@@ -72,9 +72,9 @@ def follow(
     Returns
     -------
     xarray.Dataset
-        Along `point`: the attributes of a `PeriodicOrbit`, the parameter, and `special`: fold, flip, torus or word where the
-        row is such a point (1e-8 in the parameter over its scale), with the kind of `change` of the sequence and the `jump` of
-        the orbit. The attribute `end` says why the branch ends, `cost` how many forcing periods of the map it took.
+        Along `point`: the attributes of a `PeriodicOrbit`, the parameter, and `special`: fold, flip, torus, pitchfork or word
+        where the row is such a point (1e-8 in the parameter over its scale), with the kind of `change` of the sequence and the
+        `jump` of the orbit. The attribute `end` says why the branch ends, `cost` how many forcing periods of the map it took.
 
     Raises
     ------

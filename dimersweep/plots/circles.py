@@ -13,7 +13,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.plots.checking import check_cube
 from dimersweep.plots.style import MODE_COLORS, fixed_of, framed, label, log_scale, mark
 
-SIDES = np.array([200.0, 228.0])  # of a panel, which its points fill [pt]
+PANEL = np.array([200.0, 228.0])  # of a panel, which its points fill [pt]
 NO_CIRCLE = {"in a plane": "0.8", "no spin that attracts": "0.55"}  # greys of points without a circle
 
 
@@ -60,7 +60,7 @@ def circles(cube: xr.Dataset) -> Figure:
             axes.plot(columns[0][has_circle], values[has_circle], "o-", markersize=4, color=MODE_COLORS["drift"])
             axes.set_ylabel(text)
         else:
-            cell = SIDES / [np.unique(column).size for column in columns]
+            cell = PANEL / [np.unique(column).size for column in columns]
             how: dict[str, Any] = {"s": cell.max() ** 2, "marker": cell * [(-1, -1), (1, -1), (1, 1), (-1, 1)]}
             for chosen, color in zip((np.isfinite(at), np.isnan(at)), NO_CIRCLE.values(), strict=True):
                 axes.scatter(*(column[chosen & ~has_circle] for column in columns), color=color, **how)
