@@ -17,7 +17,7 @@ from dimersweep.orbits.manifold import slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Recorder
-from dimersweep.orbits.specials import Special, doubled, specials, to_plane
+from dimersweep.orbits.specials import Special, doubled, pitchfork_in, specials
 from dimersweep.orbits.stability_end import GAP, beyond_gap, furthest, kind_beyond
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
@@ -146,7 +146,7 @@ def traced(
                 taken = steps(point, FOLLOWING, tuple(edges))
                 continue
             if free and a.fixed.image.spin * b.fixed.image.spin < 0:
-                fork, end = to_plane(a, b), MIRRORED
+                fork, end = pitchfork_in(a, b), MIRRORED
                 rows += [_row(fork.point, fork)] if fork else []
                 continue
             found, leap = specials(a, b, sequences)

@@ -117,7 +117,7 @@ def located(kind: Kind, at: Between[Point]) -> Special | None:
     return None if share is None or not kind.holds(at[share]) else Special(kind, at[share], share)
 
 
-def to_plane(a: Point, b: Point) -> Special | None:
+def pitchfork_in(a: Point, b: Point) -> Special | None:
     """The pitchfork at which a branch of sustained spins, in the step to its mirror image, parts from the motions in a plane.
 
     There is none where the drift is not smooth about a plane: the spin falls like an exponential and does not come to 0.

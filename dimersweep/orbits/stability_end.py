@@ -18,7 +18,15 @@ from dimersweep.orbits.kinds import ANY_CHANGE, FLIP, FOLD, TORUS, Kind, Stabili
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import TURN, OrbitLost
-from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, located, on_own_side, sequence_changes, to_plane
+from dimersweep.orbits.specials import (
+    JOINED,
+    MOST_CHANGES,
+    Special,
+    located,
+    on_own_side,
+    pitchfork_in,
+    sequence_changes,
+)
 from dimersweep.parameters import value_of
 
 NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which on changes of sequence are looked for
@@ -177,7 +185,7 @@ def _accepted(holds: Holds, nxt: Point, leap: np.ndarray) -> Point:
 def _in_step(a: Point, b: Point) -> Special:
     """Where stability is lost in a step."""
     if is_stable(b):
-        if fork := to_plane(a, b):
+        if fork := pitchfork_in(a, b):
             return fork
         raise OrbitLost("the spin falls like an exponential, and does not come to 0")
     at = Between(a, b)
