@@ -643,7 +643,7 @@ def test_all_mistakes_of_a_file_are_told_at_once(refused):
         "  sweep.output = fig07.csv: a cube must end in .nc or .zarr",
         "  sweep.perods: unknown key; did you mean periods?",
         "  plot.kind = 'pie': must be 'segments', 'mode_map', 'regions', 'paths', 'walks', 'trends', 'minimum', 'impact_ends', "
-        "'shares', 'planar' or 'bifurcation'",
+        "'shares', 'planar', 'bifurcation' or 'circles'",
         "  f = '15 rpm': the unit must be Hz",
         "  mu = -1.0: must be >= 0",
         "  Gama: unknown parameter; did you mean Gamma?",
