@@ -2,9 +2,11 @@
 
 import re
 import reprlib
+import tomllib
 from collections.abc import Callable, Mapping
 from math import isfinite, pi
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +16,12 @@ from dimersweep.symbols import PARAMETERS
 
 RTOL_RANGE = (1e-13, 1e-2)
 DEGREES = ("deg", "degree", "degrees", "°")
+# units that a text may give a value in, and their size in the SI unit
+OTHER_UNITS = {
+    "rad": dict.fromkeys(DEGREES, pi / 180),
+    "m": {"mm": 1e-3},
+    "m s-1": {"mm/s": 1e-3, "m/s": 1.0},
+}
 MAX_SECONDS = 1e8  # a bound on time: the system takes no longer ones
 MAX_COUNT = 1_000_000_000  # forcing periods and other counts: the cube keeps them in 32 bits
 
@@ -84,7 +92,7 @@ def number(name: str, value: Any, units: str | None = None) -> float:
     ----------
     name : str
     value : float or str
-        A number in the SI unit, or a text with a unit after it: an angle may be in degrees, such as "16 deg" or "16deg".
+        A number in the SI unit, or a text with a unit after it, as "16 deg" or "2 mm".
     units : str, optional
         The SI unit of a quantity that is no parameter.
 
@@ -96,7 +104,7 @@ def number(name: str, value: Any, units: str | None = None) -> float:
     units = PARAMETERS[name].units if units is None else units
     if not isinstance(value, str):
         return as_number(name, value, units)
-    factors = {"": 1.0, units: 1.0} | (dict.fromkeys(DEGREES, pi / 180) if units == "rad" else {})
+    factors = {"": 1.0, units: 1.0} | OTHER_UNITS.get(units, {})
     size, unit = _size_and_unit(value)
     if size is None:
         either = ', or an angle with its unit such as "16 deg"' if units == "rad" else ""
@@ -126,8 +134,8 @@ def degrees_in(value: Any) -> float | None:
 
 
 def units_taken(units: str) -> str:
-    """The units that a value of a quantity may be given in, in words: its own, and degrees for an angle."""
-    return units + (" or deg" if units == "rad" else "")
+    """The units that a value of a quantity may be given in, in words: its own, and another one."""
+    return " or ".join([units, *list(OTHER_UNITS.get(units, {}))[:1]])
 
 
 def as_numbers(name: str, values: Any, read: Callable[[str, Any], float], units: str | None = None) -> np.ndarray:
@@ -219,3 +227,36 @@ def check_seconds(max_seconds: Any) -> float | None:
     if number <= 0:
         raise ParameterError(f"max_seconds = {number}: must be > 0")
     return min(number, MAX_SECONDS)
+
+
+def read_text(path: Path) -> str:
+    """What is written in a file of a user's, without the mark that some editors begin it with.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read, or is no text.
+    """
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise ParameterError(f"{path}: is no text in UTF-8 ({error})") from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """What a file of TOML says.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read, or is no TOML.
+    """
+    text = read_text(path)
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ParameterError(f"{path}: is nested too deeply") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ParameterError(f"{path}: is no valid TOML ({error})") from None

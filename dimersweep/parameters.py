@@ -1,17 +1,18 @@
 """The parameters of a dimer, its plate and its start: their rules, and one set of them or whole axes, checked."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import InitVar, make_dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import make_dataclass
 from math import inf, nextafter, pi
+from os import PathLike
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.errors import ParameterError, unknown
-from dimersweep.inputs import number
-from dimersweep.kernel.model.layout import N_ROW, ROW, Dimer
-from dimersweep.kernel.model.plate import phases_later
-from dimersweep.symbols import BASE, ENDS, INSTEAD, LEFT_OUT, PARAMETERS
+from dimersweep.errors import ParameterError, one_line, unknown
+from dimersweep.inputs import number, read_toml
+from dimersweep.kernel.model.layout import HARMONICS, N_ROW, ROW, WAVES, Dimer
+from dimersweep.symbols import BASE, ENDS, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS
 
 
 class Rule(NamedTuple):
@@ -34,12 +35,18 @@ class Rule(NamedTuple):
 
 TINY = nextafter(0.0, 1.0)  # the least number above 0
 ACUTE = nextafter(pi / 2, 0.0)  # the greatest angle below a right one
-NOT_LEVEL = ("tilt", "Gamma_x", "Gamma_y")  # where one of them is not zero, the heading counts
+# where one of them is not zero, the heading counts
+NOT_LEVEL = ("tilt", *(intensity for wave in WAVES[1:] for intensity, _ in wave))
 NO_LESS = ">= {} = {} (stick friction is never below slip friction)"
 RULES = (
     Rule("e", "in [0, 1]", 0, 1),
     Rule("Gamma", ">= 0", 0),
-    Rule("Gamma_2", ">= 0 (turn it by phi_2)", 0),
+    *(
+        Rule(intensity, f">= 0 (turn it by {phase})", 0)
+        for wave in WAVES
+        for intensity, phase in wave
+        if phase != "phi0"
+    ),
     Rule("f", "> 0", TINY),
     Rule("A_r", ">= 2 (below 2 the balls overlap)", 2),
     Rule("mu", ">= 0", 0),
@@ -55,8 +62,6 @@ RULES = (
     Rule("eta", ">= 1", 1),
     Rule("k_ratio", "> 0", TINY),
     Rule("tilt", 'in [0, pi/2) (radians; degrees as "2 deg")', 0, ACUTE),
-    Rule("Gamma_x", ">= 0 (turn it by phi_x)", 0),
-    Rule("Gamma_y", ">= 0 (turn it by phi_y)", 0),
     Rule("gap0", ">= 0 (the lower end would be below the plate)", 0),
 )
 
@@ -92,6 +97,8 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
 def _rules_for(columns: Collection[str]) -> Iterator[tuple[Rule, str, str]]:
     """Each rule that checks some of the parameters in `columns`, with the names there of its two parameters at each end."""
     for rule in RULES:
+        if rule.name in HIGHER and rule.name not in columns:
+            continue
         both = [tuple(_at_end(k, name, columns) for name in (rule.name, rule.other)) for k in (0, 1)]
         for name, other in dict.fromkeys(both):
             if name in columns and (other in columns or not other):
@@ -149,14 +156,87 @@ def check_effect(names: Iterable[str]) -> None:
 def updated(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """Parameters that are `known`, with those `given` in their place.
 
-    X takes the place of X_1 and X_2, both of them that of X, and what stands for a parameter (`symbols.INSTEAD`) that of it.
+    X takes the place of X_1 and X_2, and both of them that of X.
+
+    Raises
+    ------
+    ParameterError
+        As by `spelt_out`.
     """
-    replaced = {end for name in given for end in ENDS.get(name, ())} | {
-        INSTEAD[name][0] for name in given if name in INSTEAD
-    }
+    given = spelt_out(given, known)
+    replaced = {end for name in given for end in ENDS.get(name, ())}
     values = {name: value for name, value in known.items() if name not in replaced} | dict(given)
     idle = without_effect(values) - set(given)
     return {name: value for name, value in values.items() if name not in idle}
+
+
+def spelt_out(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Parameters as given, with those in the place of `harmonics` and of what is given instead of one (`symbols.INSTEAD`).
+
+    Parameters
+    ----------
+    given : mapping
+    known : mapping, optional
+        Parameters that hold where they are not given, before those of the base case; None for those that vary.
+
+    Raises
+    ------
+    ParameterError
+        For a parameter that is given twice, for harmonics that are none, and for a value that is not allowed.
+    """
+    values = {name: value for name, value in given.items() if name not in (*INSTEAD, "harmonics")}
+    if given.get("harmonics") is not None:
+        values |= _spelt_harmonics(given["harmonics"], {*given})
+    for name, (parameter, quantity) in INSTEAD.items():
+        if given.get(name) is None:
+            continue
+        if parameter in values:
+            by = [each for each in (parameter, *INSTEAD, "harmonics") if each in given and each != name]
+            raise ParameterError(f"{name}: given together with {by[0]}; leave one of the two out")
+        size, beside = number(name, given[name], quantity.units), BASE | dict(known or {}) | values
+        needed = {each: beside[each] for each in (("r", *ENDS["r"]) if name == "l" else ("f", "g")) if each in beside}
+        for each, value in needed.items():
+            if value is None:
+                raise ParameterError(f"{name}: takes one {each}, which varies here; give {parameter}")
+            needed[each] = number(each, value)
+        check(needed)
+        if name == "l":
+            radii = sum(value_of(each, needed) for each in ENDS["r"])
+            if size < radii:
+                raise ParameterError(f"l = {size}: must be >= r_1 + r_2 = {radii:.6g} (below it the balls overlap)")
+            values[parameter] = 1 + size / radii
+        else:
+            omega = 2 * pi * needed["f"]
+            values[parameter] = size * omega * (omega if name == "A_z" else 1.0) / needed["g"]
+            if size < 0:
+                raise ParameterError(f"{name} = {size}: must be >= 0")
+    return values
+
+
+def _spelt_harmonics(given: Any, beside: Collection[str]) -> dict[str, Any]:
+    """The parameters that harmonics stand for: a mapping of axes, a waveform, or a file of one."""
+    waves = dict(zip(("z", "x", "y"), WAVES, strict=True))
+    if isinstance(given, str | PathLike):
+        given = read_toml(Path(given))
+    told = getattr(given, "harmonics", given)
+    if not isinstance(told, Mapping) or not told or not {*told} <= {*waves, "f"}:
+        raise ParameterError(
+            f"harmonics = {one_line(told)}: must be a mapping of axes z, x, y to harmonics, or a waveform"
+        )
+    values: dict[str, Any] = {"f": told["f"]} if "f" in told else {}
+    for axis in told.keys() & waves.keys():
+        values |= {intensity: 0.0 for intensity, _ in waves[axis]}
+        if not isinstance(told[axis], Mapping):
+            raise ParameterError(f"harmonics.{axis} = {one_line(told[axis])}: must be orders and (intensity, phase)")
+        for order, pair in told[axis].items():
+            if str(order) not in map(str, range(1, HARMONICS + 1)):
+                raise ParameterError(f"harmonics.{axis}.{one_line(order)}: must be 1 to {HARMONICS}")
+            if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
+                raise ParameterError(f"harmonics.{axis}.{order} = {one_line(pair)}: must be an intensity and a phase")
+            values |= dict(zip(waves[axis][int(order) - 1], pair, strict=True))
+    for name in values.keys() & {*beside}:
+        raise ParameterError(f"{name}: given together with harmonics; leave one of the two out")
+    return values
 
 
 def moved_on(plate: Mapping[str, Any], by: Any) -> dict[str, Any]:
@@ -164,8 +244,12 @@ def moved_on(plate: Mapping[str, Any], by: Any) -> dict[str, Any]:
 
     The phases along the plate count from the one along the normal, so they stay.
     """
-    phi0, phi_2 = phases_later(plate["phi0"], plate.get("phi_2", 0.0), by)
-    return {**plate, "phi0": phi0} | ({"phi_2": phi_2} if "Gamma_2" in plate else {})
+    moved = {
+        phase: plate.get(phase, 0.0) + k * by
+        for k, (intensity, phase) in enumerate(WAVES[0], start=1)
+        if k == 1 or intensity in plate
+    }
+    return {**plate, **moved}
 
 
 def value_of(name: str, columns: Mapping[str, Any]) -> Any:
@@ -181,8 +265,11 @@ def value_of(name: str, columns: Mapping[str, Any]) -> Any:
 
 
 def completed(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """`columns`, and after them each parameter that they do not give, with the value that it has beside them, if it has one."""
-    others = {name: value_of(name, columns) for name in PARAMETERS if name not in columns}
+    """`columns`, and after them each parameter that they do not give, with the value that it has beside them, if it has one.
+
+    Harmonics that hardly any plate has (`symbols.HIGHER`) are not added.
+    """
+    others = {name: value_of(name, columns) for name in PARAMETERS if name not in columns and name not in HIGHER}
     return dict(columns) | {name: value for name, value in others.items() if value is not None}
 
 
@@ -222,9 +309,12 @@ def check_name(name: str) -> None:
     """
     if name in INSTEAD:
         parameter, quantity = INSTEAD[name]
-        raise ParameterError(f"{name}: is for single runs ({quantity.long_name}); give {parameter}")
+        raise ParameterError(f"{name}: is for single runs and fixed values ({quantity.long_name}); give {parameter}")
+    if name == "harmonics":
+        raise ParameterError("harmonics: are for single runs and fixed values; give Gamma, Gamma_2, phi_2 and so on")
     if name not in PARAMETERS:
-        raise ParameterError(unknown(name, "parameter", PARAMETERS))
+        shown = [each for each in PARAMETERS if each not in HIGHER]
+        raise ParameterError(unknown(name, "parameter", [*shown, "Gamma_3 to phi_y_16"]))
 
 
 def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
@@ -242,9 +332,10 @@ def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
     ndarray, shape (n, N_ROW), float64
         One row a point, in the order of ``kernel.layout.ROW``.
     """
-    rows = np.empty((n, N_ROW))
+    rows = np.zeros((n, N_ROW))
     for slot, name in enumerate(ROW):
-        rows[:, slot] = value_of(name, columns)
+        if name in columns or name not in HIGHER:
+            rows[:, slot] = value_of(name, columns)
     return rows
 
 
@@ -265,9 +356,8 @@ def _left_out(name: str) -> float | None:
     return _BaseCase(BASE[name]) if name in BASE else None if isinstance(value, str) else value
 
 
-_FIELDS = [*((name, "float | None", _left_out(name)) for name in PARAMETERS), ("l", InitVar[float | None], None)]
-_CHECKED = {"__post_init__": lambda parameters, length: parameters._check(length)}
-_Fields: Any = make_dataclass("_Fields", _FIELDS, namespace=_CHECKED, frozen=True, kw_only=True)
+_FIELDS = [(name, "float | None", _left_out(name)) for name in PARAMETERS]
+_Fields: Any = make_dataclass("_Fields", _FIELDS, frozen=True, kw_only=True)
 
 
 class Parameters(_Fields):
@@ -280,8 +370,13 @@ class Parameters(_Fields):
         three are refused, and `e` is None where `e_1` and `e_2` are given. So it is with `r`, `rho_b`, `mu`, `mu_s`, `mu_h`.
     Gamma, f, phi0 : float
         Vibration intensity A_z omega^2/g [1], frequency [Hz] and phase at the start [rad] of the plate.
-    Gamma_2, phi_2 : float
-        Intensity A_2 (2 omega)^2/g [1] of the plate's second harmonic A_2 sin(2 omega t + phi_2), and its phase [rad].
+    Gamma_k, phi_k : float
+        Intensity A_k (k omega)^2/g [1] of the plate's harmonic A_k sin(k omega t + phi_k), and its phase [rad]; k is 2 to 16.
+    A_z, v_z : float, optional
+        Amplitude [m] or greatest velocity [m s-1] of A_z sin(omega t + phi0), in place of `Gamma`.
+    harmonics : mapping, Waveform or path-like, optional
+        The plate's motion along each axis: ``{"z": {1: (Gamma, phi0), 2: (Gamma_2, phi_2), ...}, "x": {1: (Gamma_x, phi_x)}}``.
+        An axis that is given has no other harmonics. A `Waveform`, or a file of one, tells `f`, too.
     A_r, r, D_r : float
         Aspect ratio (l + r_1 + r_2)/(r_1 + r_2) [1], at least 2; ball radius and rod diameter [m].
     l : float, optional
@@ -303,8 +398,9 @@ class Parameters(_Fields):
         Exponent of the contacts in an impact, F = k X^eta [1], 3/2 for Hertz's law; k_2/k_1, None for sqrt(r_2/r_1).
     tilt, azimuth : float
         Angle of the plate from level, and of the direction in which it falls from its axis X [rad].
-    Gamma_x, phi_x, Gamma_y, phi_y : float
-        Intensities of a vibration along the plate's axes [1], and its phases before that along the normal [rad].
+    Gamma_x, phi_x, Gamma_y, phi_y, Gamma_x_k, phi_x_k, Gamma_y_k, phi_y_k : float
+        Intensities of a vibration along the plate's axes [1], and its phases before that along the normal [rad]; of its
+        harmonics sin(k (omega t + phi0) + phi_x_k).
     rho_b, rho_r : float
         Densities of balls and rod [kg m-3]; the rod may be without mass.
     g : float
@@ -323,23 +419,15 @@ class Parameters(_Fields):
     (0.3491, 6.0)
     """
 
-    def _check(self, length: float | None) -> None:
-        values = {name: getattr(self, name) for name in PARAMETERS}
-        given = {name for name, value in values.items() if value is not None}
-        check_effect(name for name in given if not isinstance(values[name], _BaseCase))
-        unused = without_effect(given)
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**spelt_out(given))
+        values = self._values()
+        known = {name for name, value in values.items() if value is not None}
+        check_effect(name for name in known if not isinstance(values[name], _BaseCase))
+        unused = without_effect(known)
         for name, value in values.items():
             needed = name not in unused and (value is not None or _left_out(name) is not None)
             object.__setattr__(self, name, number(name, value) if needed else None)  # frozen from here on
-        if length is not None:
-            if not isinstance(values["A_r"], _BaseCase):
-                raise ParameterError("l: given together with A_r; leave one of the two out")
-            length = number("l", length, "m")
-            check({name: value for name, value in self.given().items() if name in ("r", *ENDS["r"])})
-            radii = value_of("r_1", self.given()) + value_of("r_2", self.given())
-            if length < radii:
-                raise ParameterError(f"l = {length}: must be >= r_1 + r_2 = {radii:.6g} (below it the balls overlap)")
-            object.__setattr__(self, "A_r", 1 + length / radii)
         check(self.given())
 
     def given(self) -> dict[str, float]:
@@ -347,8 +435,13 @@ class Parameters(_Fields):
 
         X is not among them where X_1 and X_2 are given.
         """
-        values = {name: getattr(self, name) for name in PARAMETERS}
+        values = self._values()
         return {name: value for name, value in values.items() if value is not None and value != LEFT_OUT.get(name)}
+
+    def _values(self) -> dict[str, Any]:
+        """Those of all fields, less harmonics that were not given."""
+        every = ((name, getattr(self, name)) for name in PARAMETERS)
+        return {name: value for name, value in every if name not in HIGHER or value is not LEFT_OUT[name]}
 
     def row(self) -> np.ndarray:
         """The kernel's flat row, shape (N_ROW,), float64, in the order of ``kernel.layout.ROW``."""

@@ -4,7 +4,16 @@ from collections.abc import Collection, Mapping
 from math import degrees, inf, isclose, pi
 from typing import Literal
 
-from dimersweep.kernel.model.layout import CODE_COLUMNS, N_ORBIT, ORBIT_COLUMNS, OUT, RUN_COLUMNS, Quantity
+from dimersweep.kernel.model.layout import (
+    CODE_COLUMNS,
+    N_ORBIT,
+    ORBIT_COLUMNS,
+    OUT,
+    RUN_COLUMNS,
+    START_ROW,
+    WAVES,
+    Quantity,
+)
 
 # the paper's base case (Sect. 3)
 BASE = {
@@ -71,10 +80,19 @@ PARAMETERS = {
     "gammadot0": Quantity("rad s-1", "initial rate of the spinning angle"),
     "gap0": Quantity("m", "initial height of the lower end over the plate"),
 }
+# harmonics of the plate beyond those above, which few runs have: they are not shown where they are zero
+HIGHER = frozenset(name for wave in WAVES for harmonic in wave for name in harmonic if name not in PARAMETERS)
+for _wave, _way in zip(WAVES, ("its normal", "its axis X", "its axis Y"), strict=True):
+    for _k, (_intensity, _phase) in enumerate(_wave, start=1):
+        _said = f"harmonic {_k} of the plate's motion along {_way}"
+        PARAMETERS.setdefault(
+            _intensity, Quantity("1", f"intensity of {_said}, its amplitude times ({_k} omega)^2 / g")
+        )
+        PARAMETERS.setdefault(_phase, Quantity("rad", f"phase of {_said}"))
 # parameters that the two ends may have each of their own: X is the value of both, X_1 and X_2, where given, are those of p1, p2
 ENDS = {name: (f"{name}_1", f"{name}_2") for name in PARAMETERS if f"{name}_1" in PARAMETERS}
 # parameters of the start but for the plate's phase: a run that is given a state to start from takes none of them
-START = ("beta0", "xdot0", "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0")
+START = START_ROW
 # how the run of a point of a cube was made, besides its parameters
 SETTINGS = {
     "periods": Quantity("1", "forcing periods that the run was given", 1),
@@ -88,20 +106,22 @@ SETTINGS = {
     "kernel": Quantity("1", "version of the kernel, as a number"),
     "line": Quantity("1", "checksum of the values along which a state was carried to the run"),  # where one was
 }
-# what a run takes in place of a parameter: that parameter, and what it is
-INSTEAD = {"l": ("A_r", Quantity("m", "distance between the centres of the balls, in place of A_r"))}
+# what may be given in place of a parameter: that parameter, and what it is
+INSTEAD = {
+    "l": ("A_r", Quantity("m", "distance between the centres of the balls, in place of A_r")),
+    "A_z": ("Gamma", Quantity("m", "amplitude of the plate, in place of Gamma")),
+    "v_z": ("Gamma", Quantity("m s-1", "greatest velocity of the plate, in place of Gamma")),
+}
 # what the parameters that may be left out are then: the value of another parameter, or a number
 LEFT_OUT: dict[str, str | float] = {
     **{f"{name}_{end}": name for name in ("e", "r", "rho_b", "mu", "mu_s") for end in (1, 2)},
-    "Gamma_2": 0.0,
-    "phi_2": 0.0,
     "mu_h": "mu_s",
     "mu_h_1": "mu_s_1",  # unless mu_h is given, as for every X_1
     "mu_h_2": "mu_s_2",
     "eta": 1.5,  # Hertz's law, in which the stiffness goes with the root of the radius
     "k_ratio": "sqrt(r_2/r_1)",
-    **dict.fromkeys(("tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y"), 0.0),
-    **dict.fromkeys(("theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0"), 0.0),
+    **dict.fromkeys(("tilt", "azimuth", "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0"), 0.0),
+    **{name: 0.0 for wave in WAVES for harmonic in wave for name in harmonic if name not in BASE},
 }
 # how the parameters are written, in TeX and in plain letters, where their names do not tell
 SYMBOLS = {
@@ -126,10 +146,11 @@ def symbol(name: str, *, tex: bool = False) -> str:
     """How a parameter is written; that of one end has the number of the end as its index."""
     end = name[-1] if any(name in ends for ends in ENDS.values()) else ""
     both = name.removesuffix(f"_{end}")
-    letter = both.partition("_")[0]
+    letter, _, below = both.partition("_")
     tex_symbol, plain = SYMBOLS.get(both, (both, both))
     if letter in GREEK:
-        tex_symbol, plain = f"\\{both}", both.replace(letter, GREEK[letter])
+        tex_symbol = f"\\{letter}_{{{below.replace('_', ',')}}}" if len(below) > 1 else f"\\{both}"
+        plain = both.replace(letter, GREEK[letter])
     if not tex:
         return f"{plain}_{end}" if end else plain
     stem, _, index = tex_symbol.partition("_")
@@ -237,6 +258,21 @@ QUANTITIES = {
     "made_with": Quantity("1", "checksum of the parameters and settings that all runs of the cube were made with", 0),
 }
 
+# what each mode of motion means; a backtick stands around what is a name
+MODE_MEANINGS = {
+    "not_run": "the point has not been run",
+    "failed": "the run could not be finished; `status` says why",
+    "rest": "both ends stay on the plate and stick; the dimer lies still, or rolls on at a `speed` that does not change",
+    "drift": "the motion repeats every forcing period; the raised end lands once, the other one stays down nearly all the time",
+    "jump": "both ends leave the plate and land almost together",
+    "flutter": "the ends take turns, with a period longer than the forcing period",
+    "period_n": "any other motion that repeats after n forcing periods",
+    "aperiodic": "bounded, and does not repeat",
+    "unresolved": "had not settled within the periods given; ask for more",
+    "rolls": "both ends stay on the plate and stick, and `speed` changes, as down a slope; it is that at the end",
+    "slides": "both ends stay on the plate, and one or both slip; `speed` is that at the end",
+}
+
 # what a recorded run gives of each event, and of each moment
 EVENT_QUANTITIES = {
     "time": Quantity("s", "time since the start", 0),
@@ -315,4 +351,5 @@ Picture = Literal[
     "shares",
     "planar",
     "bifurcation",
+    "circles",
 ]

@@ -10,6 +10,7 @@ from IPython.display import Markdown
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.cubes.results import POINT_MESSAGES, POINT_STATUSES, RESULT
+from dimersweep.kernel.model.layout import HARMONICS
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.orbit import COLUMNS, MULTIPLIERS, TEXTS
 from dimersweep.parameters import RULES
@@ -18,8 +19,10 @@ from dimersweep.symbols import (
     ENDS,
     EVENT_QUANTITIES,
     FORCES,
+    HIGHER,
     INSTEAD,
     LEFT_OUT,
+    MODE_MEANINGS,
     PARAMETERS,
     QUANTITIES,
     SETTINGS,
@@ -33,23 +36,10 @@ BYTES_IN_CUBE = 468  # of memory, a point of a cube that is written as NetCDF: b
 SWEEPS = Path(__file__).resolve().parents[1] / "sweeps"
 
 # what the words of the flags stand for; a word that is missing here stops the build
-MODES = {
-    "not_run": "the point has not been run",
-    "failed": "the run could not be finished; `status` says why",
-    "rest": "both ends stay on the plate and stick; the dimer lies still, or rolls on at a `speed` that does not change",
-    "drift": "the motion repeats every forcing period; the raised end lands once, the other one stays down nearly all the time",
-    "jump": "both ends leave the plate and land almost together",
-    "flutter": "the ends take turns, with a period longer than the forcing period",
-    "period_n": "any other motion that repeats after n forcing periods",
-    "aperiodic": "bounded, and does not repeat",
-    "unresolved": "had not settled within the periods given; ask for more",
-    "rolls": "both ends stay on the plate and stick, and `speed` changes, as down a slope; it is that at the end",
-    "slides": "both ends stay on the plate, and one or both slip; `speed` is that at the end",
-}
 WORDS = {
-    "mode": MODES,
-    "outcome": MODES,
-    "region": MODES | {"mixed": "the runs led to several modes, and none of them is the one asked for"},
+    "mode": MODE_MEANINGS,
+    "outcome": MODE_MEANINGS,
+    "region": MODE_MEANINGS | {"mixed": "the runs led to several modes, and none of them is the one asked for"},
     "status": dict(zip(POINT_STATUSES, POINT_MESSAGES, strict=True)),
     "di_end": {
         "none": "there was no double impact, or the mode is not drift",
@@ -157,12 +147,22 @@ def parameters() -> Markdown:
             _allowed(name),
         )
         for name, quantity in PARAMETERS.items()
+        if name not in HIGHER
     )
     instead = (
-        (f"`{name}`", f"${name}$", quantity.long_name, _unit(quantity.units), "", "of single runs")
+        (f"`{name}`", f"${name}$", quantity.long_name, _unit(quantity.units), "", "of single runs, or fixed")
         for name, (_, quantity) in INSTEAD.items()
     )
-    return _table(("name", "symbol", "meaning", "unit", "base case", "allowed"), (*rows, *instead))
+    last = f"`Gamma_3`, `phi_3` to `phi_y_{HARMONICS}`"
+    higher = (
+        last,
+        "",
+        "[harmonics of the plate](plate.md) along its normal and its axes X, Y",
+        "",
+        "0",
+        "as of the first ones",
+    )
+    return _table(("name", "symbol", "meaning", "unit", "base case", "allowed"), (*rows, higher, *instead))
 
 
 def _quantities(quantities: dict[str, Quantity]) -> Markdown:

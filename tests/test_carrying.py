@@ -439,15 +439,15 @@ def test_pictures_have_both_ways(both):
 
 
 def test_each_way_can_be_explored(both):
-    pytest.importorskip("panel")
-    from dimersweep.exploring.board import Board
+    from dimersweep.exploring.page import LivePage
 
-    board = Board(both)
-    assert (board.x, board.y) == ("Gamma", "e")
-    slider = board.sliders["direction"]
-    assert list(slider.options) == ["up", "down"]
-    slider.value = 1
-    shown = board.source.data["mode"].reshape(2, -1)
-    np.testing.assert_array_equal(shown, names(both["mode"]).isel(direction=1).values)
-    board.click(0.9, 0.6)
-    assert board.run.mode == names(both["mode"]).isel(direction=1).sel(e=0.6, Gamma=0.9, method="nearest").item()
+    page = LivePage(both)
+    assert page.map.told()["fixed"]["direction"]["values"] == ["up", "down"]
+    part = page.map.part({"direction": "1"})
+    assert (part["x"]["name"], part["y"]["name"]) == ("Gamma", "e")
+    words = names(both["mode"]).isel(direction=1).transpose("e", "Gamma")
+    assert part["modes"] == words.values.ravel().tolist()
+    for place in ((0, 1, 2), (1, 0, 1)):
+        point = both.isel(dict(zip(both["mode"].dims, place, strict=True)))
+        told = page.run({"at": ",".join(map(str, place))})
+        assert told["mode"].split(",")[0] == names(point["mode"]).item()

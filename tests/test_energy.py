@@ -65,7 +65,7 @@ def test_what_flows_is_what_the_plate_gives_while_it_rises():
     budget, dm = run.energy(), dimer_of(run.record("the test").row)
     left = float(np.abs(run.energy("event")["residual"].cumsum()).max())
     assert budget["plate_1"].sum() == pytest.approx(0.0, abs=1e-16)
-    given = 30 * 0.5 * dm.m * dm.g * 2 * dm.A_z
+    given = 30 * 0.5 * dm.m * dm.g * 2 * dm.A[0]
     assert left > 0
     assert budget.closure == pytest.approx(left / given, rel=0.02)  # what flows is known to a hundredth
 

@@ -3,15 +3,17 @@
 import re
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from dimersweep import simulate
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.plots import movie, replay
+from dimersweep.plots import movie, view
 from dimersweep.plots import playback as playing
 from tests.browser import chromium_page, colors_of, needs_chromium
 from tests.fakes import interrupts
@@ -64,6 +66,8 @@ def test_a_gif_moves(run, tmp_path):
         image.seek(image.n_frames // 2)
         later = np.asarray(image.convert("RGB"), dtype=int)
     assert (np.abs(first - later).max(axis=2) > 60).sum() > 200
+    colors = {tuple(color) for color in np.concatenate([first, later]).reshape(-1, 3) // 32}
+    assert {(7, 7, 2), (1, 1, 1)} <= colors  # the marks of the balls: yellow and black
 
 
 @pytest.mark.parametrize("fps", [7, 24, 30, 60, 120])
@@ -111,9 +115,6 @@ def test_a_movie_needs_a_known_ending_and_its_program(run, tmp_path, monkeypatch
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(StoreError, match=r"a video needs ffmpeg; pip install 'dimersweep\[movie\]'"):
         run.animate(tmp_path / "run.mp4")
-    monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
-    with pytest.raises(StoreError, match=r"a page needs plotly; pip install 'dimersweep\[movie\]'$"):
-        run.animate(tmp_path / "run.html")
     with pytest.raises(ParameterError, match="nothing was recorded"):
         simulate(periods=1, record=False).animate(tmp_path / "run.gif")
 
@@ -157,37 +158,56 @@ def test_simulate_makes_a_movie_and_keeps_the_run(empty_folder, call):
 @needs_chromium
 def test_the_page_plays_in_a_browser_without_a_network(run, tmp_path):
     page_file = run.animate(tmp_path / "run.html", periods=3, fps=20)
-    text = page_file.read_text()
-    assert len(text) < 7e6
-    assert not re.findall(r"<(?:script|link)[^>]*(?:src|href)=", text)
+    text = page_file.read_text(encoding="utf-8")
+    assert len(text) < 1e5
+    assert not re.findall(r"<(?:script|link)[^>]*(?:src|href)=\"(?!data:)", text)
     with chromium_page(offline=True) as (page, errors):
         page.goto(page_file.as_uri())
-        page.set_viewport_size({"width": 390, "height": 800})  # a telephone's: the heading takes more lines
-        box = page.locator("h1").bounding_box()
-        assert box["x"] >= 0 and box["x"] + box["width"] <= 390 and box["height"] > 30
-        page.wait_for_function("document.documentElement.scrollWidth == 390")
-        page.set_viewport_size({"width": 1100, "height": 800})
-        page.wait_for_function("document.querySelector('.gl-container canvas') !== null")
-        page.wait_for_timeout(1500)
+        page.wait_for_function("document.querySelector('#now').textContent !== ''")
+        page.evaluate(
+            "() => { window.seen = []; const paint = views[0].draw;"
+            " views[0].draw = function () { paint.call(this); seen.push([this.frame, performance.now()]); }; }"
+        )
+        page.wait_for_function(  # it begins again
+            "() => seen.some(([frame], k) => k && frame < seen[k - 1][0]) && seen.at(-1)[0] > 20"
+        )
+        frames, at = np.array(page.evaluate("() => seen")).T
+        frames = frames + 40 * np.cumsum(np.diff(frames, prepend=frames[0]) < 0)
+        # however slowly the machine draws, each frame is shown at its time or is left out
+        np.testing.assert_allclose(np.diff(at[[0, -1]]), 1000 * (frames[-1] - frames[0]) / 20, atol=700)
+        page.get_by_text("pause", exact=True).click()
         before = page.screenshot()
         found = colors_of(before)
         assert found.get((3, 0, 0), 0) + found.get((2, 0, 0), 0) > 100  # p1 is red
         assert sum(count for (r, g, b), count in found.items() if b > r and b >= 2) > 1000  # the plate is blue
-        page.evaluate(
-            "() => { window.seen = []; document.querySelector('.js-plotly-plot').on('plotly_animatingframe',"
-            " ({name}) => seen.push([Number(name), performance.now()])); }"
-        )
-        moved = "() => document.querySelector('.js-plotly-plot').data[1].z[0]"
-        first = page.evaluate(moved)
-        page.get_by_text("play", exact=True).click()
-        page.wait_for_timeout(2500)
-        assert page.evaluate(moved) != first
-        page.wait_for_function("() => seen.length && seen.at(-1)[0] == 39")
-        frames, at = np.array(page.evaluate("() => seen")).T
-        # however slowly the machine draws, each frame is shown at its time or is left out
-        np.testing.assert_allclose(np.diff(at[[0, -1]]), 1000 * (frames[-1] - frames[0]) / 20, atol=700)
+        page.locator("body").press("ArrowRight")
+        page.locator("body").press("ArrowRight")
         assert page.screenshot() != before
+        assert page.locator("footer").bounding_box()["height"] < 50  # its labels are whole, in one line
+        filled = page.locator(".pictures").bounding_box()
+        assert filled["height"] > 500 and page.evaluate("document.documentElement.scrollHeight") == 800
+        page.set_viewport_size({"width": 390, "height": 800})  # a telephone's
+        page.wait_for_function("document.documentElement.scrollWidth == 390")
         assert errors == []
+
+
+def test_a_rolling_ball_turns_with_its_marks():
+    """Where both ends stick and roll on, what is on a ball at its lowest point stands still on the plate."""
+    run = simulate(beta0="10 deg", periods=60)
+    assert run.mode == "rest" and run.end_speed > 0.5
+    shown = playing.frames(run, playing.Playback(3.0, 3.002, 1.0, 10_000, False))
+    axis = np.diff(shown.balls, axis=1)[:, 0]
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    body = np.stack([axis, shown.mark, np.cross(axis, shown.mark)], axis=2)  # columns that turn with it
+    np.testing.assert_allclose(
+        np.einsum("kij,kil->kjl", body, body), np.broadcast_to(np.eye(3), body.shape), atol=1e-12
+    )
+    turned = Rotation.from_matrix(body[2:] @ np.transpose(body[:-2], (0, 2, 1))).as_rotvec() / 2e-4  # rad/s
+    moved = (shown.balls[2:] - shown.balls[:-2]) / 2e-4
+    for end, r in enumerate(shown.radii):
+        lowest = moved[:, end] + np.cross(turned, [0, 0, -r])
+        assert np.abs(moved[:, end, :2]).max() > 500  # mm/s
+        np.testing.assert_allclose(lowest[:, :2], 0, atol=0.5)
 
 
 def test_a_page_shows_the_plate_as_it_tilts_and_moves():
@@ -210,10 +230,13 @@ def test_a_page_of_a_small_dimer_is_as_round_as_that_of_a_large_one():
     """The same motion in other units: of length by 1e-3, and of time so that g stays."""
     large = simulate(periods=4)
     small = simulate(periods=4, r=5e-6, D_r=4e-6, f=15 * 1e3**0.5, xdot0=1e-3**0.5)
-    pages = [
-        replay._moved(playing.frames(run, playing.playback_of(run, 2, 0.1 * s**0.5)), 3)
-        for run, s in ((large, 1), (small, 1e-3))
-    ]
-    for one, other in zip(*pages, strict=True):
-        for axis in "xyz":
-            np.testing.assert_allclose(one[axis], 1e3 * np.array(other[axis]), atol=1.01e-3)
+    pages = [view.seen(run, playing.playback_of(run, 2, 0.1 * s**0.5)) for run, s in ((large, 1), (small, 1e-3))]
+    for name in ("balls", "plate", "radii"):
+        np.testing.assert_allclose(pages[0][name], 1e3 * np.array(pages[1][name]), atol=1.01e-2)
+
+
+def test_a_run_that_shows_nothing_is_told_so(run, tmp_path):
+    none = replace(run, n_periods=0)
+    for show in (lambda: none.animate(tmp_path / "run.gif"), none.view):
+        with pytest.raises(ParameterError, match=r"^animate: there is nothing to show, the run ended before a forcing"):
+            show()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dimersweep.cubes.grid import make_grid, make_points
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.model.layout import ROW
+from dimersweep.kernel.model.layout import ROW, WAVES
 from dimersweep.parameters import Parameters, Rule, bounds, check, keeps_rules, updated
 
 
@@ -72,9 +72,36 @@ def test_the_distance_of_the_balls_stands_for_the_aspect_ratio():
     made = Parameters(l="0.05 m", r=4e-3)
     assert (made.A_r, made.given()["A_r"], "l" in made.given()) == (7.25, 7.25, False)
     assert replace(made, Gamma=1.0).A_r == 7.25
-    assert updated({"A_r": 6.0, "r": 4e-3}, {"l": 0.05}) == {"r": 4e-3, "l": 0.05}
-    with pytest.raises(ParameterError, match=r"^l: is for single runs \(distance between the centres .*\); give A_r$"):
+    assert updated({"A_r": 6.0, "r": 4e-3}, {"l": 0.05}) == {"r": 4e-3, "A_r": 7.25}
+    with pytest.raises(
+        ParameterError, match=r"^l: is for single runs and fixed values \(distance between the centres .*\); give A_r$"
+    ):
         make_grid({"l": [0.05, 0.06]})
+
+
+def test_amplitude_and_velocity_of_the_plate_stand_for_the_intensity():
+    omega = 2 * np.pi * 20
+    made = Parameters(A_z="1.5 mm", f=20)
+    assert made.Gamma == pytest.approx(1.5e-3 * omega**2 / 9.81, rel=1e-15)
+    assert Parameters(v_z="150 mm/s", f=20, g=1.6).Gamma == pytest.approx(0.15 * omega / 1.6, rel=1e-15)
+    assert updated({"f": 20.0, "Gamma": 3.0}, {"A_z": 1.5e-3}) == {"f": 20.0, "Gamma": made.Gamma}
+    assert make_grid({"e": [0.6]}, {"A_z": 1.5e-3, "f": 20}).fixed["Gamma"] == made.Gamma
+
+
+def test_harmonics_are_their_short_forms():
+    waves = {"z": {1: (0.9, 0.1), 2: (0.02, "30 deg")}, "x": {1: (0.1, 0.2), 16: (0.01, 3.0)}}
+    short = {"Gamma": 0.9, "phi0": 0.1, "Gamma_2": 0.02, "phi_2": "30 deg"}
+    along = {"Gamma_x": 0.1, "phi_x": 0.2, "Gamma_x_16": 0.01, "phi_x_16": 3.0}
+    assert Parameters(harmonics=waves) == Parameters(**short, **along)
+    known = {"Gamma": 0.9, "Gamma_2": 0.3, "phi_2": 1.0, "Gamma_y": 0.2, "phi_y": 0.1}
+    assert updated(known, {"harmonics": {"z": {3: (0.1, 0.2)}}}) == {
+        **dict.fromkeys((Gamma for Gamma, _ in WAVES[0]), 0.0),
+        "Gamma_3": 0.1,
+        "phi_3": 0.2,
+        "phi_2": 1.0,
+        "Gamma_y": 0.2,
+        "phi_y": 0.1,
+    }
 
 
 @pytest.mark.parametrize("text", ["16 deg", "16deg", "16 degrees", "16 degree", "16°"])

@@ -14,7 +14,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.fits.pictures import draw_fit
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_JUMP, M_NOT_RUN, M_REST, MODES
 from dimersweep.orbits.pictures import draw_borders
-from dimersweep.plots import FIGURES, draw, energy_budget, last_cycle, movie, orbit, replay, run_figure
+from dimersweep.plots import FIGURES, draw, energy_budget, last_cycle, movie, orbit, run_figure, view
 from dimersweep.plots import playback as playing
 from dimersweep.plots.attractors import attractors
 from tests.checks.cubes import built, cube_of
@@ -291,6 +291,30 @@ def test_the_least_period_is_marked_where_it_is():
     left, right = draw(cube, "minimum").axes
     assert left.get_legend().get_texts()[-1].get_text() == "$A_r$ = 6: no minimum located"
     assert len(right.lines) == 4  # two curves, the place of one minimum, pi/2
+
+
+def with_circles(cube):
+    """A cube of two axes with a circle in its first row, a plane, and a point without a spin that attracts."""
+    values = {
+        "spin": [[90.0, 80.0], [0.0, np.nan]],
+        "radius": [[6.4, 6.2], [np.inf, np.nan]],
+        "time": [[60.0, 600.0], [50.0, np.nan]],
+    }
+    return cube.assign({f"sustained_{name}": (cube["mode"].dims, column) for name, column in values.items()})
+
+
+def test_chosen_circles_have_their_colours_and_others_are_grey():
+    cube = with_circles(cube_of([[D, D], [D, R]], {"e": [0.6, 0.65], "Gamma": [0.8, 0.9]}))
+    figure = drawn(draw(cube.assign_attrs(plot="circles")))
+    radius, time = figure.axes[:2]
+    for axes, values in (radius, [6.4, 6.2]), (time, [60.0, 600.0]):
+        plane, none, circles = axes.collections
+        assert circles.get_offsets().tolist() == [[0.8, 0.6], [0.9, 0.6]] and circles.get_array().tolist() == values
+        assert plane.get_offsets().tolist() == [[0.8, 0.65]] and none.get_offsets().tolist() == [[0.9, 0.65]]
+    (axes, other) = drawn(draw(cube.isel(e=0), "circles")).axes
+    assert axes.lines[0].get_xydata().tolist() == [[0.8, 6.4], [0.9, 6.2]] and other.get_yscale() == "log"
+    with pytest.raises(ParameterError, match="circles: 3 parameters vary"):
+        draw(cube.expand_dims(f=[15.0, 20.0]), "circles")
 
 
 def test_the_ends_of_impacts_lie_at_mu_and_mu_s():
@@ -652,43 +676,54 @@ def test_the_bars_of_a_budget_are_its_works(run):
     assert axes.get_xlabel() == "work on the dimer, per forcing period [µJ]"
 
 
+def check_marks(lines, shown, k, look, balls):
+    """Each mark goes from pole to pole of its ball, through the place of the mark or the opposite one, where it is seen."""
+    axis, toward = np.diff(shown.balls[k], axis=0)[0], np.cross(*look)
+    axis /= np.linalg.norm(axis)
+    for line, ball, side in zip(lines, np.repeat(balls, 2), (1, -1, 1, -1), strict=True):
+        places = (line.get_xydata() - ball.center) / ball.radius
+        angles = np.linspace(0, np.pi, len(places))
+        points = np.outer(np.cos(angles), axis) + side * np.outer(np.sin(angles), shown.mark[k])
+        seen = points @ toward > 0
+        np.testing.assert_array_equal(np.isfinite(places), np.column_stack([seen, seen]))
+        np.testing.assert_allclose(places[seen], 0.92 * points[seen] @ np.transpose(look), atol=1e-12)
+    assert len({to_hex(line.get_color()) for line in lines}) == 2
+
+
 @pytest.mark.jit
 def test_a_movie_shows_the_balls_where_they_are(run):
     shown = playing.frames(run, playing.playback_of(run, 2, fps=10))
     states = run.states(shown.cycles / 15)
     side, above = Figure().subplots(1, 2)
     updates = movie._side_view(side, shown), movie._view_from_above(above, shown)
-    length = 5 * (5 + 5.02)
+    length, told = 5 * (5 + 5.02), view.seen(run, playing.playback_of(run, 2, fps=10))
     for k in (0, 5, 9):
         at = {name: 1e3 * states[name].values[k] for name in ("x1", "y1", "z1", "x", "y", "plate")}
         beta, theta = states["beta"].values[k], states["theta"].values[k]
         flat = length * np.cos(beta)
         first = np.array([at["x1"], at["y1"], at["z1"]])
         second = first + np.array([-flat * np.sin(theta), flat * np.cos(theta), length * np.sin(beta)])
-        table, rod, one, two = updates[0](k)
+        table, rod, one, two, *marks = updates[0](k)
         np.testing.assert_allclose([one.center, two.center], [(0, first[2]), (flat, second[2])])
         np.testing.assert_allclose(rod.get_xydata(), [(0, first[2]), (flat, second[2])])
         assert table.get_y() + table.get_height() == pytest.approx(at["plate"])
         assert (one.radius, two.radius) == pytest.approx((5, 5.02))
         assert [to_hex(ball.get_facecolor()) for ball in (one, two)] == [RED, "#0072b2"]
-        _, track, rod, one, two = updates[1](k)
+        check_marks(marks, shown, k, [np.append(shown.along[k], 0), [0, 0, 1]], (one, two))
+        _, track, rod, one, two, *marks = updates[1](k)
+        check_marks(marks, shown, k, [[1, 0, 0], [0, 1, 0]], (one, two))
         np.testing.assert_allclose([one.center, two.center], [first[:2], second[:2]])
         np.testing.assert_allclose(rod.get_xydata(), [one.center, two.center])
         np.testing.assert_allclose(track.get_xydata()[-1], (at["x"], at["y"]))
         assert len(track.get_xdata()) == k + 1
-        balls = replay._moved(shown, k)
-        for ball, centre in zip(balls, (first, second), strict=False):
-            middle = [np.mean([min(ball[axis]), max(ball[axis])]) for axis in "xyz"]
-            np.testing.assert_allclose(middle, centre, atol=0.1)
-        assert balls[3]["z"] == pytest.approx([at["plate"]] * 4, abs=1e-3)
+        np.testing.assert_allclose(told["balls"][k], [*first, *second], atol=1e-2)
+        assert told["plate"][k] == pytest.approx(at["plate"], abs=1e-2)
     assert (side.get_xlabel(), side.get_ylabel()) == ("along the rod [mm]", "height [mm]")
     assert (above.get_xlabel(), above.get_ylabel()) == ("$x$ [mm]", "$y$ [mm]")
     assert [(text.get_text(), to_hex(text.get_color())) for text in side.texts] == [
         ("$p_1$", RED),
         ("$p_2$", "#0072b2"),
     ]
-    looks = replay._scene(shown)
-    assert [(each["name"], each.get("color")) for each in looks[:2]] == [("p1", RED), ("p2", "#0072b2")]
 
 
 # --- next to nothing --------------------------------------------------------------------------------------------------
@@ -706,6 +741,7 @@ def cubes_of_each_kind():
         "walks": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})),
         "planar": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})).assign(axial_velocity=("f", [1.0, 2, 3])),
         "bifurcation": strobed(cube_of([R, D, D], {"Gamma": [0.8, 0.9, 1.1]})),
+        "circles": with_circles(cube_of([[D, D], [D, R]], {"e": [0.6, 0.65], "Gamma": [0.8, 0.9]})),
     }
 
 

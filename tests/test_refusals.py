@@ -12,6 +12,7 @@ import xarray as xr
 from dimersweep import (
     attractors,
     bifurcation,
+    explore,
     names,
     observer,
     open_cube,
@@ -25,6 +26,7 @@ from dimersweep import (
 from dimersweep.cubes.findings import exponents
 from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import UserError
+from dimersweep.exploring.page import LivePage
 from dimersweep.fits import Measured, circle, fit
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import M_DRIFT
@@ -76,6 +78,7 @@ WORDS = {
     "fit": fit, "Measured": Measured, "circle": circle, "plots": plots, "draw": draw, "open_cube": open_cube, "names": names,
     "observer": observer, "own": own_observers, "partial": partial,
     "exponents": exponents, "radii": radii, "declared": declared, "borders": borders, "points": points, "table": table,
+    "explore": explore, "LivePage": LivePage,
     "NESTED": reduce(lambda inner, _: [inner], range(5000), 1.0),
     "MANY": {"start": 0.1, "stop": 0.9, "num": 10_000},
     "AXES": {"f": [1, 3], "e": [0.5, 0.6], "beta0": [0.1, 0.2]},

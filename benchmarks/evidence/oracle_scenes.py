@@ -17,6 +17,7 @@ from tests.checks.scenes import (
     general_scene,
     random_scene,
     sample_times,
+    sawtooth_scene,
     started_scene,
     wider_scene,
 )
@@ -28,6 +29,7 @@ DRAWN = {
     "wider": wider_scene,
     "general": general_scene,
     "started": started_scene,
+    "sawtooth": sawtooth_scene,
     "whole": whole_scene,
 }
 

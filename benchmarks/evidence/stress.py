@@ -367,7 +367,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", type=int)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--domain", choices=("near", "far", "mixed", "wider", "wild", "whole"), default="whole")
+    parser.add_argument(
+        "--domain", choices=("near", "far", "mixed", "wider", "wild", "whole", "harmonics"), default="whole"
+    )
     parser.add_argument("--periods", type=int, default=10)
     parser.add_argument("--rtol", type=float, default=1e-8)
     parser.add_argument("--workers", type=int, default=os.cpu_count())

@@ -1,6 +1,7 @@
 """The verbs of the kernel in one compiled loop over many inputs, so that a call from Python costs nothing beside them."""
 
 from collections.abc import Callable
+from inspect import signature
 from math import hypot, inf
 from time import thread_time
 from typing import NamedTuple
@@ -10,7 +11,7 @@ from verbs_inputs import CONTACT, DOUBLE, FLIGHT, RTOL, SINGLE, Inputs, record
 
 from dimersweep.kernel import chatter, event_loop, smooth_motion
 from dimersweep.kernel.batch import run_many
-from dimersweep.kernel.compiler.jit import compiled, exported
+from dimersweep.kernel.compiler.jit import compiled, exported, plain
 from dimersweep.kernel.contact import coordinates, forces, phase, step_control
 from dimersweep.kernel.contact.contact_mode import CLOSED
 from dimersweep.kernel.contact.events import NO_EVENT, OUT_OF_STEPS, is_failure
@@ -19,7 +20,6 @@ from dimersweep.kernel.flight import free_motion
 from dimersweep.kernel.flight import landing as landings
 from dimersweep.kernel.impact import impact, single_impact
 from dimersweep.kernel.model import body, friction
-from dimersweep.kernel.model.body import TWO_PI
 from dimersweep.kernel.model.layout import (
     CA,
     CB,
@@ -36,6 +36,7 @@ from dimersweep.kernel.model.layout import (
     PHASE,
     SLIP,
 )
+from dimersweep.kernel.numerics.sincos import TWO_PI
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import no_record
 from dimersweep.parameters import Parameters
@@ -71,16 +72,31 @@ def route(dm, state, tol):
     return STRAIGHT if single_impact.is_invariant(law, v / V, a / v, b / v, tol) else TURNING
 
 
+if "dm" in signature(plain(landings.next_landing)).parameters:
+    gap_series, next_landing = free_motion.gap_series, landings.next_landing
+else:  # as before the plate had harmonics
+
+    @compiled
+    def gap_series(dm, fl, i, t):
+        """A gap and its derivatives."""
+        return free_motion.gap_series(fl, i, t)
+
+    @compiled
+    def next_landing(dm, fl, until):
+        """The end that lands first, and when."""
+        return landings.next_landing(fl, until)
+
+
 @compiled
 def gap_evaluation(dm, state):
     """One gap with its derivatives, half a flight of a tenth of a period ahead."""
-    return free_motion.gap_series(free_motion.take_off(dm, state), 1, 0.05 * dm.period)[0]
+    return gap_series(dm, free_motion.take_off(dm, state), 1, 0.05 * dm.period)[0]
 
 
 @compiled
 def landing(dm, state):
     """The next landing until the end of the forcing period."""
-    i, t, _ = landings.next_landing(free_motion.take_off(dm, state), (TWO_PI - state[PHASE]) / dm.omega)
+    i, t, _ = next_landing(dm, free_motion.take_off(dm, state), (TWO_PI - state[PHASE]) / dm.omega)
     return t if i >= 0 else 0.0
 
 

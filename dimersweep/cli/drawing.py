@@ -1,4 +1,4 @@
-"""The commands for the picture of a cube and for a map to click, and what every command prints of its cube."""
+"""The commands for the picture of a cube and for the page to play with, and what every command prints of its cube."""
 
 import warnings
 from collections import Counter
@@ -53,18 +53,33 @@ def plot(
 
 
 def explore(
-    cube: Annotated[Path, argument("CUBE", "Cube to look at.")],
+    cube: Annotated[Path | None, argument("CUBE", "Cube whose map stands beside the dimer.")] = None,
     *,
-    port: Annotated[int, number_option("Port of the page; 0 for any that is free.", int)] = 0,
+    port: Annotated[
+        int | None, number_option("Port of the page, 0 for any that is free; 8470 by default, if it is.", int)
+    ] = None,
     show: Annotated[bool, option("Open a browser.")] = True,
 ) -> None:
-    """Look at a cube in a browser: a map to click, and the run behind each point."""
-    if not 0 <= port <= LAST_PORT:
+    """Play with a dimer in a browser: it moves as its sliders do, or as a point of a map is clicked."""
+    if port is not None and not 0 <= port <= LAST_PORT:
         raise ParameterError(f"port = {port}: must be 0 to {LAST_PORT}")
-    from dimersweep.exploring.serving import serve
-    from dimersweep.storage.cubefiles import open_cube
+    from dimersweep.work.progress import report_compiling
 
-    serve(open_cube(cube), port=port, show=show)
+    opened = None
+    if cube is not None:
+        from dimersweep.storage.cubefiles import open_cube
+
+        opened = open_cube(cube)
+    report_compiling()
+    from dimersweep.exploring.serving import Explorer
+
+    explorer = Explorer(opened, port)
+    typer.echo(f"{explorer.address} (Ctrl-C ends it)")
+    if show:
+        import webbrowser
+
+        webbrowser.open(explorer.address)
+    explorer.wait()
 
 
 def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
@@ -107,12 +122,13 @@ def check_kind(declared: "Declaration", study: "Study") -> None:
 
     if "plot" not in declared.model_fields_set:
         return
-    asked = {"search": declared.search, "paths": declared.paths, "strobes": declared.sweep.strobes}
+    sweep, kind = declared.sweep, declared.attrs["plot"]
+    asked = {"search": declared.search, "paths": declared.paths, "strobes": sweep.strobes, "sustained": sweep.sustained}
     sizes = {name: values.size for name, values in study.grid.axes.items()}
     try:
-        check(declared.plot.kind, sizes, {feature for feature, given in asked.items() if given})
+        check(kind, sizes, {feature for feature, given in asked.items() if given})
     except ParameterError as error:
-        raise ParameterError(f"plot.kind = {declared.plot.kind!r}: {error}; another kind, or --no-plot") from None
+        raise ParameterError(f"plot.kind = {kind!r}: {error}; another kind, or --no-plot") from None
 
 
 def check_picture_of(configuration_sha256: str, picture: Path, *, force: bool) -> None:

@@ -3,13 +3,14 @@
 import inspect
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import wrap
 from typing import Annotated, Any
 
 import typer
 
-from dimersweep.symbols import BASE, INSTEAD, LEFT_OUT, PARAMETERS
+from dimersweep.symbols import BASE, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS
 
 
 def argument(name: str, meaning: str) -> Any:
@@ -61,11 +62,17 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
     options = [parameter for parameter in signature.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
     taken = PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}
     for name, quantity in taken.items():  # their texts are checked with all else, where units are known
-        either = quantity.units + (", or 16deg" if quantity.units == "rad" else "")
+        either = quantity.units + {"rad": ", or 16deg", "m": ", or 2mm"}.get(quantity.units, "")
         units = "" if quantity.units == "1" else f" ({either})"
         meaning = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")
-        kind = Annotated[Any, typer.Option(f"--{name}", help=meaning, parser=str, metavar="NUMBER")]
+        kind = Annotated[
+            Any, typer.Option(f"--{name}", help=meaning, parser=str, metavar="NUMBER", hidden=name in HIGHER)
+        ]
         options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind))
+    harmonics = Annotated[
+        Path | None, option("File of the plate's motion (TOML), in place of Gamma, phi0, Gamma_2, ...")
+    ]
+    options.append(inspect.Parameter("harmonics", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=harmonics))
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
     command.__annotations__ = {option.name: option.annotation for option in options}
     return command

@@ -144,9 +144,8 @@ def presets(
     name: Annotated[str | None, argument("NAME", "Preset whose file is printed, to be changed.")] = None,
 ) -> None:
     """List the sweeps that come with the program, or print one of them."""
-    import tomllib
 
-    from dimersweep.storage.files import read_text
+    from dimersweep.inputs import read_text, read_toml
     from dimersweep.studies.presets import find_declaration
     from dimersweep.studies.presets import presets as all_presets
 
@@ -156,7 +155,7 @@ def presets(
     known = all_presets()
     width = max(map(len, known), default=0)
     for each, path in known.items():
-        typer.echo(f"{each:{width}}  {tomllib.loads(read_text(path))['sweep'].get('title', '')}")
+        typer.echo(f"{each:{width}}  {read_toml(path)['sweep'].get('title', '')}")
 
 
 def borders(

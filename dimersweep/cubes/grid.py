@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import DEGREES, as_number, as_numbers, check_count, degrees_in, number, units_taken
-from dimersweep.parameters import check, check_effect, check_name, fill_rows, keeps_rules, reduced
+from dimersweep.inputs import OTHER_UNITS, as_number, as_numbers, check_count, degrees_in, number, units_taken
+from dimersweep.parameters import check, check_effect, check_name, fill_rows, keeps_rules, reduced, spelt_out
 from dimersweep.symbols import BASE, ENDS, PARAMETERS, START
 
 MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 14 GB, see benchmarks/speed/memory.py
@@ -105,8 +105,8 @@ def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
         values = _from_range(name, read, spacing, **given)
     else:
         raise ParameterError(f"{name}: has {', '.join(given) or 'nothing'}; {_FORMS}")
-    if unit in DEGREES and units == "rad":
-        return np.deg2rad(values)
+    if unit in (others := OTHER_UNITS.get(units, {})):
+        return values * others[unit]
     if unit != units:
         raise ParameterError(f"{name}.unit = {unit!r}: must be {units_taken(units)}")
     return values
@@ -306,7 +306,7 @@ def laid_out(
     """
     if not isinstance(fixed, Mapping | None):
         raise ParameterError(f"fixed = {fixed!r}: must be a mapping of parameters and values")
-    given = dict(fixed or {})
+    given = spelt_out(fixed or {}, dict.fromkeys(varied))
     for name in given:
         check_name(name)
         if name in varied:

@@ -1,53 +1,131 @@
-"""The board of a cube in a browser, or in a notebook."""
+"""The page with the moving dimer, and the map of a cube beside it, for browsers on this machine."""
 
-import logging
+import json
+import sys
+import threading
+from contextlib import suppress
+from functools import partial
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
+from urllib.parse import parse_qsl, urlsplit
 
 import xarray as xr
 
-from dimersweep.errors import StoreError
+from dimersweep.errors import StoreError, UserError
+from dimersweep.exploring.page import LivePage
+from dimersweep.plots.view import IFRAME
 
-GONE_PAGE = ("WebSocketClosedError", "StreamClosedError")
+HERE = "127.0.0.1"
+USUAL_PORT = 8470  # so that an address is good again the next time, if nothing else has the port
 
 
-def _panel() -> Any:
-    """The package `panel`.
+class Explorer:
+    """The page of one dimer, and of a cube if there is one, which is served to this machine until it is closed.
 
-    Raises
-    ------
-    StoreError
-        If it is not installed.
+    Attributes
+    ----------
+    address : str
+        Of the page.
     """
+
+    def __init__(self, cube: xr.Dataset | None = None, port: int | None = None) -> None:
+        page = LivePage(cube)
+        self._server = _listen(port, partial(_Answer, page))
+        self.address = f"http://{HERE}:{self._server.server_port}/"
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+        threading.Thread(target=_warm_up, args=(page,), daemon=True).start()
+
+    def _repr_html_(self) -> str:
+        return IFRAME.format(f'src="{self.address}" allow="clipboard-write"')
+
+    def wait(self) -> None:
+        """Return when it is closed."""
+        self._thread.join()
+
+    def close(self) -> None:
+        """End it, and give the port back."""
+        self._server.shutdown()
+        self._server.server_close()
+
+
+def _warm_up(page: LivePage) -> None:
+    """Load or compile the kernel while the page opens; what is wrong with it is told to the first who asks for a run."""
+    with suppress(Exception):
+        page.run({"periods": "20"})
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        if not isinstance(sys.exception(), ConnectionError):  # as when a page is closed while it is answered
+            super().handle_error(request, client_address)
+
+
+def _listen(port: int | None, answer: Any) -> _Server:
+    """A server on a port; on the usual one, or any that is free, if none is given; a `StoreError` if it is taken."""
+    for each in (USUAL_PORT, 0) if port is None else (port,):
+        try:
+            return _Server((HERE, each), answer)
+        except OSError as error:
+            why = error.strerror or error
+    raise StoreError(f"port = {port}: cannot be served on ({why})")
+
+
+class _Answer(BaseHTTPRequestHandler):
+    protocol_version = "HTTP/1.1"  # one connection for all that a page asks
+    wbufsize = -1  # an answer in one piece
+
+    def __init__(self, page: LivePage, *rest: Any) -> None:
+        self.page = page
+        super().__init__(*rest)
+
+    def log_message(self, *rest: Any) -> None: ...
+
+    def do_GET(self) -> None:
+        asked = urlsplit(self.path)
+        ways = {"/run": self.page.run} | ({"/map": self.page.map.part} if self.page.map else {})
+        # a page of another site, whose name was made to lead here, has its own name as the host
+        if self.headers.get("Host", "").partition(":")[0] not in (HERE, "localhost") or asked.path not in ("/", *ways):
+            self.send_error(404)
+            return
+        if asked.path == "/":
+            kind, content = "text/html", self.page.html()
+        else:
+            kind, content = "application/json", _as_json(ways[asked.path], dict(parse_qsl(asked.query)))
+        body = content.encode()
+        self.send_response(200)
+        self.send_header("Content-Type", f"{kind}; charset=utf-8")
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        self.end_headers()
+        self.wfile.write(body)
+
+
+def _as_json(way: Any, asked: dict[str, str]) -> str:
+    """What is answered, or the line on what is wrong with what was asked."""
     try:
-        import panel
-    except ImportError:
-        raise StoreError("explore: needs panel; pip install 'dimersweep[explore]'") from None
-    return panel
+        return json.dumps(way(asked))
+    except UserError as error:
+        return json.dumps({"error": str(error)})
 
 
-def _of_an_open_page(record: logging.LogRecord) -> bool:
-    """Whether a line of the server's log is worth reading: that a page was closed while it was drawn is not."""
-    error = record.exc_info[0] if record.exc_info else None
-    return not (error and error.__name__ in GONE_PAGE) and "connection was closed" not in record.getMessage()
-
-
-def explore(cube: xr.Dataset) -> Any:
-    """A map to click, in a notebook: the map of a cube, sliders for its further axes, and the run behind a clicked point.
+def explore(cube: xr.Dataset | None = None) -> Explorer:
+    """The moving dimer, in a notebook: sliders for its parameters, and beside it the map of a cube to click.
 
     Parameters
     ----------
-    cube : xarray.Dataset
+    cube : xarray.Dataset, optional
         Of `sweep`, `search` or `refine`.
 
     Returns
     -------
-    panel.viewable.Viewable
-        What a notebook shows; ``.show()`` opens it in a browser.
+    Explorer
+        What a notebook on this machine shows; any browser here shows its `address`. It ends with its `close()`, or with Python.
 
     Raises
     ------
-    StoreError
-        If the package panel is not installed.
     ParameterError
         If the cube has no axis of more than one value.
 
@@ -55,34 +133,9 @@ def explore(cube: xr.Dataset) -> Any:
     --------
     >>> import dimersweep
     >>> cube = dimersweep.sweep({"beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
-    >>> dimersweep.explore(cube)  # doctest: +SKIP
+    >>> explorer = dimersweep.explore(cube)
+    >>> explorer.address.startswith("http://127.0.0.1:")
+    True
+    >>> explorer.close()
     """
-    _panel()
-    from dimersweep.exploring.board import layout_of
-
-    return layout_of(cube)
-
-
-def serve(cube: xr.Dataset, *, port: int, show: bool) -> None:
-    """Serve the board to browsers on this machine, until Ctrl-C.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        At Ctrl-C, which the server keeps to itself.
-    StoreError
-        If the package panel is not installed, or the port is taken.
-    """
-    panel = _panel()
-    from dimersweep.exploring.board import Board, layout_of
-
-    Board(cube)  # what is wrong with a cube is reported before a server starts
-    for name in ("asyncio", "bokeh.server.views.ws", "tornado.application"):
-        logging.getLogger(name).addFilter(_of_an_open_page)
-    try:
-        panel.serve(
-            lambda: layout_of(cube), port=port, show=show, address="127.0.0.1", title="dimersweep", verbose=True
-        )
-    except OSError as error:
-        raise StoreError(f"port = {port}: cannot be served on ({error.strerror or error})") from None
-    raise KeyboardInterrupt
+    return Explorer(cube)

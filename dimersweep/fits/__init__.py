@@ -12,5 +12,6 @@ from dimersweep.fits.fitting import Fit, fit
 from dimersweep.fits.likelihood import Likelihood
 from dimersweep.fits.measured import Measured
 from dimersweep.fits.tracks import Track, circle, cycloid
+from dimersweep.fits.waveform import Waveform
 
-__all__ = ["Fit", "Likelihood", "Measured", "Track", "circle", "cycloid", "fit"]
+__all__ = ["Fit", "Likelihood", "Measured", "Track", "Waveform", "circle", "cycloid", "fit"]

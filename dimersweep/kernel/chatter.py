@@ -22,7 +22,7 @@ from dimersweep.kernel.model import body
 from dimersweep.kernel.model.body import attitude, contact_velocity, delassus, end, levers
 from dimersweep.kernel.model.friction import single_forces, slip_mu
 from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, N_STATE, SPIN, WB, WP
-from dimersweep.kernel.model.plate import heaviest, jerk_bound, speed_bound, tempo
+from dimersweep.kernel.model.plate import heaviest
 from dimersweep.kernel.model.works import begin_tally, note_struck
 from dimersweep.kernel.numerics.elementary import length, raised
 from dimersweep.kernel.numerics.steps import copy
@@ -54,8 +54,8 @@ def rest_of_chatter(dm, c, state, i, faint, tol):
     if p.e >= 1.0 or press <= 0.0 or p.mu_h != p.mu_s:
         return NOTHING
     time = 2.0 * n / (press * (1.0 - p.e))
-    turn = tempo(dm) * time
-    slow = jerk_bound(dm) * time < 0.5 * press and n * turn * turn <= CLOSE_COST * tol * dm.v_scale
+    turn = dm.tempo * time
+    slow = dm.most_jerk * time < 0.5 * press and n * turn * turn <= CLOSE_COST * tol * dm.v_scale
     return time if slow else NOTHING
 
 
@@ -122,7 +122,7 @@ def come_to_rest(dm, c, state, tol, events, energy):
         Time that the hops which are summed would have taken [s]; below zero if no end was closed.
     """
     modes = c.modes
-    quickest = 2.0 * tempo(dm) / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
+    quickest = 2.0 * dm.tempo / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
     fast = raised(CLOSE_COST * tol * dm.v_scale / (quickest * quickest), 1.0 / 3.0)
     may_1, may_2 = slow_ends(state, fast)
     if not may_1 and not may_2:
@@ -164,7 +164,7 @@ def close(dm, c, state, tol, energy):
         close_both(dm, c, state)
     else:
         close_one(dm, c, state, 0 if c.modes[0] != FREE else 1)
-    limit = energy + max(tol, FLOOR) * (energy + 0.5 * dm.m * speed_bound(dm) ** 2)
+    limit = energy + max(tol, FLOOR) * (energy + 0.5 * dm.m * dm.most_speed**2)
     gains = body.kinetic(dm, state) > limit
     drives = (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
     if (not gains and not drives) or max(before[N1], before[N2]) <= FLOOR * dm.v_scale:

@@ -276,15 +276,15 @@ def start_state(dm, row, state):
     """The start of a run: the lower end at gap0 over the plate, the rod at beta0 along the heading theta0 (Y where that is
     zero), the rates of x1, y1, beta, theta, gamma as the row has them, that of z1 zero, all in the room.
     """
-    theta0, ydot0, betadot0, thetadot0, gammadot0, gap0 = row[layout.ROW_THETA0 :]
+    beta0, xdot0, theta0, ydot0, betadot0, thetadot0, gammadot0, gap0 = row[layout.ROW_START :]
     for k in range(layout.N_STATE):
         state[k] = 0.0
-    state[DIP], state[THETA] = row[layout.ROW_BETA0] - dm.beta_0, theta0
+    state[DIP], state[THETA] = beta0 - dm.beta_0, theta0
     rise = dm.l * lift(dm, state[DIP])
     state[D1], state[D2] = max(0.0, -rise) + gap0, max(0.0, rise) + gap0
     state[N1] = state[N2] = -plate_rate(dm, dm.phi0)
     v_x, v_y = velocity_along(dm, dm.phi0)
-    v_x, v_y = row[layout.ROW_XDOT0] - v_x, -(v_y - ydot0)  # -0.0 where both are zero, as ever
+    v_x, v_y = xdot0 - v_x, -(v_y - ydot0)  # -0.0 where both are zero, as ever
     sin_t, cos_t = sincos(theta0)
     state[CA], state[CB] = v_y * cos_t - v_x * sin_t, v_x * cos_t + v_y * sin_t
     if betadot0 != 0.0 or thetadot0 != 0.0 or gammadot0 != 0.0:  # about the centre of ball 1, whose velocity is kept

@@ -8,11 +8,11 @@ the path's where zeta is far from a right angle, as it is where the spin is slow
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.course import Ask
 from dimersweep.kernel.event_loop import evolve
-from dimersweep.kernel.model.body import TWO_PI, centre, set_dimer
+from dimersweep.kernel.model.body import centre, set_dimer
 from dimersweep.kernel.model.layout import GAMMA, N_STATE, OK, PERIOD, PHASE, THETA, V_RATE, X1, Y1
 from dimersweep.kernel.model.plate import start_later
 from dimersweep.kernel.numerics.elementary import length
-from dimersweep.kernel.numerics.sincos import sincos
+from dimersweep.kernel.numerics.sincos import TWO_PI, sincos
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.verdict.past import begin_past
 

@@ -27,10 +27,11 @@ from dimersweep.kernel.contact.phase import sustain_contact
 from dimersweep.kernel.course import Ask, contact_of, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.flight.free_motion import fly, take_off
-from dimersweep.kernel.model.body import TWO_PI, end, set_dimer
+from dimersweep.kernel.model.body import end, set_dimer
 from dimersweep.kernel.model.layout import CB, CONTACT_STEPS, FREE, N1, N_ROW, N_STATE, OK, PERIOD, PHASE, STOPPED
 from dimersweep.kernel.model.plate import start_later
 from dimersweep.kernel.numerics.meter import set_bound
+from dimersweep.kernel.numerics.sincos import TWO_PI
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import BEFORE, SEGMENT_HOP_TIME, SEGMENT_MODES, SEGMENT_SLIP
 from dimersweep.kernel.smooth_motion import only_grazes, resume_contact, set_contact

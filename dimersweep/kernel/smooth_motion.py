@@ -10,11 +10,12 @@ from dimersweep.kernel.course import contact_of
 from dimersweep.kernel.energy import begin_phase
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.flight.landing import MAX_LANDING_PROBES, next_landing
-from dimersweep.kernel.model.body import TWO_PI, kinetic, slip_rounding, turn_of_pair
+from dimersweep.kernel.model.body import kinetic, slip_rounding, turn_of_pair
 from dimersweep.kernel.model.contact_code import coded
 from dimersweep.kernel.model.layout import D1, D2, DIP, FREE, N1, N2, PHASE, STICK, THETA, WP
-from dimersweep.kernel.model.plate import keeps_speed, lightest, most_along, speed_bound
+from dimersweep.kernel.model.plate import keeps_speed, lightest, most_along
 from dimersweep.kernel.numerics.meter import charge
+from dimersweep.kernel.numerics.sincos import TWO_PI
 
 SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
 COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
@@ -82,7 +83,7 @@ def fly_to_landing(dm, motion, path):
     state = motion.state
     span = (TWO_PI - state[PHASE]) / dm.omega
     fl = take_off(dm, state)
-    i, t, probes = next_landing(fl, span)
+    i, t, probes = next_landing(dm, fl, span)
     charge(motion.meter, HOP_COST + PROBE_COST * probes)
     if probes >= MAX_LANDING_PROBES:
         return OUT_OF_PROBES
@@ -133,7 +134,7 @@ def follow_contact(dm, ask, motion):
     state, y, span = motion.state, motion.contact, (TWO_PI - motion.state[PHASE]) / dm.omega
     if motion.work.course[0].tally.wanted:
         # works count in the energy of the motion and of the plate
-        plate = 0.5 * dm.m * (speed_bound(dm) ** 2 + dm.v_scale**2)
+        plate = 0.5 * dm.m * (dm.most_speed**2 + dm.v_scale**2)
         energy = kinetic(dm, state) + plate
         motion.work.control[0].doubt = max(FINER * ask.rtol, FINEST) * energy
         begin_phase(y, motion.work)

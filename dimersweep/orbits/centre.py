@@ -146,7 +146,7 @@ def centre_drift(
     given = Parameters(**updated({} if guess is None else guess.parameters, parameters)).given()
     name = next((name for name in NOT_LEVEL if given.get(name)), None)
     if name is None:
-        raise ParameterError(f"{' = '.join(NOT_LEVEL)} = 0: on a level plate the centre of a circle stays")
+        raise ParameterError("tilt = Gamma_x = Gamma_y = 0: on a level plate the centre of a circle stays")
     periods = guess.periods if isinstance(guess, PeriodicOrbit) else 1
     orbit = orbit_at(level, spin if spin is None else checked_spin(spin, level), periods, guess, check_rtol(rtol))
     if not orbit.precession_rate:

@@ -26,13 +26,11 @@ from dimersweep.kernel.model.layout import (
     PERIOD,
     PHASE,
     RECORD_FULL,
-    ROW_PHI0,
-    ROW_PHI_2,
     SPIN,
     STATUS_MESSAGES,
     THETA,
 )
-from dimersweep.kernel.model.plate import phases_later
+from dimersweep.kernel.model.plate import started_at
 from dimersweep.kernel.record import EVENT_ROWS, SEGMENT_MODES, SEGMENT_ROWS, new_record, no_record
 from dimersweep.kernel.return_map import advance
 from dimersweep.kernel.sample import sample
@@ -169,10 +167,7 @@ class ReturnMap:
 
     def row_at(self, phase: float) -> np.ndarray:
         """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
-        row = fill_rows(self.parameters, 1)[0]
-        _, row[ROW_PHI_2] = phases_later(row[ROW_PHI0], row[ROW_PHI_2], phase - row[ROW_PHI0])
-        row[ROW_PHI0] = phase % TURN
-        return row
+        return started_at(fill_rows(self.parameters, 1)[0], phase)
 
     def state(self, z: np.ndarray) -> np.ndarray:
         """The kernel's state at a point.

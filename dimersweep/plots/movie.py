@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,14 @@ from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Affine2D
 from PIL import Image
+from PIL.ImageColor import getrgb
 
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import StoreError
 from dimersweep.inputs import check_count
-from dimersweep.plots.playback import BALLS, MOST_FRAMES, PATH_COLOR, PLATE, ROD, Frames, Playback, frames
+from dimersweep.plots.playback import BALLS, MARKS, MOST_FRAMES, PATH_COLOR, PLATE, ROD, Frames, Playback, frames
 from dimersweep.plots.style import entitle
+from dimersweep.plots.view import page_of
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
 
@@ -32,6 +34,7 @@ MOVIES = (".gif", ".mp4", ".html")
 MOST_DPI = 600
 MOST_FPS_OF_GIF = 50  # browsers show a delay below two hundredths of a second as ten
 COLORS_OF_GIF = 64
+POLE_TO_POLE = np.linspace(0, np.pi, 24)[:, None]  # along a mark of a ball
 
 
 def check_movie(path: str | os.PathLike[str], *, force: bool) -> Path:
@@ -73,12 +76,7 @@ def write_movie(run: SeenRun, path: str | os.PathLike[str], playback: Playback, 
     path = check_movie(path, force=force)
     dpi = check_count("dpi", dpi, MOST_DPI)
     if path.suffix == ".html":
-        from dimersweep.plots.replay import replay_page
-
-        try:
-            page = replay_page(run, playback)
-        except StoreError as error:
-            raise StoreError(f"movie = {path}: {error}") from None
+        page = page_of(run, playback)
         with disk_errors(f"movie = {path}", ""), replacing(path) as temporary:
             temporary.write_bytes(page.encode())
         return path
@@ -96,11 +94,16 @@ def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
 
     Delays are whole hundredths of a second; what is left over of one goes to the next.
     """
-    first = Image.fromarray(next(pictures)).quantize(COLORS_OF_GIF)
-    others = (Image.fromarray(each).quantize(palette=first, dither=Image.Dither.NONE) for each in pictures)
+    begin = next(pictures)
+    swatch = np.resize(
+        [getrgb(color) for color in (*BALLS, *MARKS)], begin[:20].shape
+    )  # colours that may not be seen yet
+    palette = Image.fromarray(np.concatenate([begin, swatch.astype(np.uint8)])).quantize(COLORS_OF_GIF)
+    pictures = chain([begin], pictures)
+    reduced = (Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures)
     delays = np.diff(np.round(100 * np.arange(MOST_FRAMES + 1) / fps).astype(int))
     how: dict[str, Any] = {"duration": (10 * delays).tolist(), "loop": 0, "optimize": True}
-    first.save(path, format="GIF", save_all=True, append_images=others, **how)
+    next(reduced).save(path, format="GIF", save_all=True, append_images=reduced, **how)
 
 
 def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
@@ -156,7 +159,9 @@ def _side_view(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
     seen = np.concatenate([place.transform(corners) for place in places])
     table = Rectangle((left, 0), right - left, r / 2, color=PLATE)
     axes.add_patch(table)
-    move = _moving(axes, shown, balls, places, table)
+    along = np.column_stack([shown.along, 0 * across])
+    looks = np.stack([along, 0 * along + [0, 0, 1], np.cross(along, [0, 0, 1])], axis=1)
+    move = _moving(axes, shown, balls, places, looks, table)
     xlim, ylim = np.transpose([seen.min(axis=0), seen.max(axis=0)])
     axes.set(xlim=xlim, ylim=ylim, aspect="equal", xlabel="along the rod [mm]", ylabel="height [mm]")
     axes.set_title("from the side", fontsize=9)
@@ -179,7 +184,8 @@ def _view_from_above(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
     axes.add_patch(table)
     (track,) = axes.plot([], [], color=PATH_COLOR, linewidth=1.2)
     places = [Affine2D().translate(*away) for away in shown.away[:, :2]]
-    move = _moving(axes, shown, shown.balls[..., :2], places, table, track)
+    looks = np.broadcast_to(np.eye(3), (len(places), 3, 3))
+    move = _moving(axes, shown, shown.balls[..., :2], places, looks, table, track)
     xlim, ylim = middle[:, None] + (half + 1.5 * moves) * np.array([-1, 1])
     axes.set(xlim=xlim, ylim=ylim, aspect="equal", xlabel="$x$ [mm]", ylabel="$y$ [mm]")
     axes.set_title("from above", fontsize=9)
@@ -194,19 +200,28 @@ def _view_from_above(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
 
 
 def _moving(
-    axes: Axes, shown: Frames, balls: np.ndarray, places: Sequence[Affine2D], *others: Any
+    axes: Axes, shown: Frames, balls: np.ndarray, places: Sequence[Affine2D], looks: np.ndarray, *others: Any
 ) -> Callable[[int], list[Any]]:
-    """Draw rod and balls into a view; what puts them, and `others` that go with the plate, where they are in a frame."""
+    """Draw rod and balls into a view; what puts them, and `others` that go with the plate, where they are in a frame.
+
+    The view has its right, its up and the way to who looks as rows of `looks`, shape (n, 3, 3).
+    """
+    length = np.linalg.norm(np.diff(shown.balls[0], axis=0))
     (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")
     circles = [Circle((0, 0), radius, color=color) for radius, color in zip(shown.radii, BALLS, strict=True)]
     for circle in circles:
         axes.add_patch(circle)
+    marks = [axes.plot([], [], color=color, linewidth=1.5)[0] for _ in circles for color in MARKS]
 
     def move(k: int) -> list[Any]:
+        axis = np.diff(shown.balls[k], axis=0)[0] / length
         for circle, centre in zip(circles, balls[k], strict=True):
             circle.center = tuple(centre)
+        for line, (circle, side) in zip(marks, product(circles, (1, -1)), strict=True):
+            seen = (np.cos(POLE_TO_POLE) * axis + side * np.sin(POLE_TO_POLE) * shown.mark[k]) @ looks[k].T
+            line.set_data(*np.where(seen[:, 2:] > 0, circle.center + 0.92 * circle.radius * seen[:, :2], np.nan).T)
         rod.set_data(*balls[k].T)
-        moved = [*others, rod, *circles]
+        moved = [*others, rod, *circles, *marks]
         for artist in moved:
             artist.set_transform(places[k] + axes.transData)
         return moved

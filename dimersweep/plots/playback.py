@@ -13,6 +13,7 @@ from dimersweep.parameters import dimer_from
 
 BALLS = ("#d62728", "#0072b2")  # p1, p2
 ROD, PLATE, PATH_COLOR = "#444444", "#56b4e9", "#999999"
+MARKS = ("#f0e442", "#222222")  # of a ball, on opposite sides, from one pole on its axis to the other
 SLOWED = 20.0  # how much slower the double impacts are shown
 NEAR_IMPACT = 0.04  # of a double impact, in forcing periods on either side
 MOST_FRAMES = 2000
@@ -80,6 +81,10 @@ def playback_of(
     ParameterError
     """
     run.record("animate")
+    if not run.n_periods:
+        raise ParameterError(
+            f"animate: there is nothing to show, the run ended before a forcing period ({run.message})"
+        )
     periods, fps, speed = check_count("periods", periods), check_count("fps", fps), as_number("speed", speed)
     if speed <= 0:
         raise ParameterError(f"speed = {speed}: must be > 0")
@@ -95,6 +100,7 @@ class Frames(NamedTuple):
     balls: np.ndarray  # shape (n, 2, 3), centres of p1 and p2
     centre: np.ndarray  # shape (n, 3), of mass
     along: np.ndarray  # shape (n, 2), unit vector from p1 to p2 as seen from above
+    mark: np.ndarray  # shape (n, 3), unit vector square to the axis that turns with the dimer
     plate: np.ndarray  # shape (n,), height
     away: np.ndarray  # shape (n, 3), how far the plate is away along itself
     radii: np.ndarray  # shape (2,)
@@ -106,12 +112,18 @@ def frames(run: SeenRun, playback: Playback) -> Frames:
     from dimersweep.kernel.model.plate import motion_along  # Numba: pictures of cubes do without
 
     dm, f = dimer_from(run.parameters), run.parameters["f"]
-    impacts = run.events["time"].values[np.char.startswith(run.events["kind"].values, "DI")]
-    states = run.states(playback.times(np.unique(impacts), 1 / f))
+    impacts = np.array([])
+    if playback.slow_impacts:
+        impacts = np.unique(run.events["time"].values[np.char.startswith(run.events["kind"].values, "DI")])
+    states = run.states(playback.times(impacts, 1 / f))
     first, centre = (1e3 * np.column_stack([states[axis + of] for axis in "xyz"]) for of in ("1", ""))
-    beta, theta = states["beta"].values, states["theta"].values
-    along = np.column_stack([-np.sin(theta), np.cos(theta)])
-    rod = 1e3 * dm.l * np.column_stack([np.cos(beta)[:, None] * along, np.sin(beta)])
+    beta, theta, gamma = (states[angle].values for angle in ("beta", "theta", "gamma"))
+    along, across = (
+        np.column_stack([-np.sin(theta), np.cos(theta)]),
+        np.column_stack([np.cos(theta), np.sin(theta), 0 * theta]),
+    )
+    axis = np.column_stack([np.cos(beta)[:, None] * along, np.sin(beta)])
+    rod = 1e3 * dm.l * axis
     away_x, away_y, _, _ = motion_along(dm, states["phase"].values)
     slope = np.hypot(dm.fall_x, dm.fall_y)
     turn = np.arctan2(slope, dm.g) / (slope or 1.0) * np.array([-dm.fall_y, dm.fall_x, 0.0])  # about its level line
@@ -120,6 +132,7 @@ def frames(run: SeenRun, playback: Playback) -> Frames:
         balls=np.stack([first, first + rod], axis=1),
         centre=centre,
         along=along,
+        mark=np.cos(gamma)[:, None] * across + np.sin(gamma)[:, None] * np.cross(axis, across),
         plate=1e3 * states["plate"].values,
         away=1e3 * np.column_stack([away_x, away_y, np.zeros(beta.size)]),
         radii=1e3 * np.array([dm.p1.r, dm.p2.r]),

@@ -15,8 +15,8 @@ from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, symbol, units
 SHOWN_OF_ORBIT = ("radius", "path_radius", "period", "zeta", "speed", "impact_phase")
 
 
-def run_table(run: SeenRun) -> str:
-    """What a run is: its mode, its parameters that are not the base case's, its orbit."""
+def run_rows(run: SeenRun) -> list[tuple[str, str]]:
+    """What a run is, besides its mode: its parameters that are not the base case's, its orbit, each with its unit."""
     rows = [
         ("parameters", run.conditions(always=()) or "the base case"),
         ("periods", f"{run.n_periods} of {1 / run.parameters['f']:.4g} s"),
@@ -30,8 +30,17 @@ def run_table(run: SeenRun) -> str:
             rows.append((name.replace("_", " "), value))
     elif run.mode in DOWN_WORDS:
         rows.append(("both ends stay down", f"the centre of mass moves at {run.end_speed:.3g} m/s"))
-    repeats = f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""
-    return _table(f"Run: {_badge(run.mode)}{escape(repeats)}", rows)
+    return rows
+
+
+def run_table(run: SeenRun) -> str:
+    """What a run is: its mode, and all of `run_rows`."""
+    return _table(f"Run: {_badge(run.mode)}{escape(repeats_in(run))}", run_rows(run))
+
+
+def repeats_in(run: SeenRun) -> str:
+    """In how many periods a motion repeats, as it is said behind its mode, if they are more than one."""
+    return f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""
 
 
 def cube_table(cube: xr.Dataset) -> str:

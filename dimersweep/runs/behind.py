@@ -12,7 +12,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import reduced, value_of
 from dimersweep.runs.solving import RunSettings
-from dimersweep.symbols import PARAMETERS, SETTINGS
+from dimersweep.symbols import HIGHER, PARAMETERS, SETTINGS
 
 AS_MADE = "take the point from the cube as it was made"
 LOST_HERE = f"the point has lost it (where it was dropped, renamed, or put together with others); {AS_MADE}"
@@ -72,7 +72,7 @@ def _parameters_at(point: xr.Dataset) -> dict[str, float]:
     """All parameters that a point tells."""
     told = {name: _value(point, name) for name in PARAMETERS if name in point.variables}
     if _tells_all(point):
-        lost = [name for name in ROW if name not in told]
+        lost = [name for name in ROW if name not in told and name not in HIGHER]
     else:  # a cube of an earlier version tells those alone that were given
         known = _configuration(point)
         given = {*known.get("grid", {}), *known.get("points", {}), *known.get("fixed", {})} - {"direction"}

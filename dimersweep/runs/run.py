@@ -41,6 +41,7 @@ from dimersweep.work.stopping import stoppable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from dimersweep.plots.view import View
     from dimersweep.runs.energy import By
     from dimersweep.runs.sections import At
 
@@ -453,8 +454,7 @@ class Run(RunNumbers):
         Parameters
         ----------
         path : path-like
-            Ends in .gif; in .mp4 (needs ffmpeg); or in .html, for one page that shows the motion in three dimensions
-            without a network (needs plotly).
+            Ends in .gif; in .mp4 (needs ffmpeg); or in .html, for one page that plays in a browser without a network.
         periods : int
             Forcing periods to show; of a run that has fewer, all.
         speed : float
@@ -492,6 +492,39 @@ class Run(RunNumbers):
 
         playback = playback_of(self, periods, speed, fps, last=last, slow_impacts=slow_impacts)
         return write_movie(self, path, playback, dpi, force=force)
+
+    def view(self, *, periods: int = 6, last: bool = True) -> "View":
+        """The run in motion, in a notebook: the dimer on its plate, its heights, its track and its numbers.
+
+        It is the page of `dimersweep explore` without its sliders, and holds all that it shows.
+
+        Parameters
+        ----------
+        periods : int
+            Forcing periods to show; of a run that has fewer, all.
+        last : bool
+            Whether the end of the run is shown, else its start.
+
+        Returns
+        -------
+        View
+            What a notebook shows; its `html` is the page.
+
+        Raises
+        ------
+        ParameterError
+            If nothing was recorded, or the run ended before a forcing period.
+
+        Examples
+        --------
+        >>> from dimersweep import simulate
+        >>> page = simulate(periods=60).view(periods=2).html
+        >>> page.startswith("<!DOCTYPE html>")
+        True
+        """
+        from dimersweep.plots.view import USUAL_SPEED, View, page_of, stretch_of
+
+        return View(page_of(self, stretch_of(self, periods, last=last), USUAL_SPEED))
 
     def error(self, t: Any = None) -> xr.Dataset:
         """Bounds on the errors of this run, estimated with two more runs that shadow it (docs/trust.md).

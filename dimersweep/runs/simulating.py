@@ -51,8 +51,8 @@ def simulate(
         Bound on the time that the run takes [s]. One that is stopped so has the status "stopped", the `n_periods` that it
         came to, and the events and states up to there.
     **parameters : float or str
-        Parameters of the model in SI units, each by its name, see `Parameters`; an angle may be a text such as "16 deg". `l`,
-        the distance between the centres of the balls, may be given in place of `A_r`.
+        Parameters of the model in SI units, each by its name, or what is given in place of some, see `Parameters`; an angle may
+        be a text such as "16 deg", a length one such as "2 mm".
 
     Returns
     -------
@@ -73,7 +73,7 @@ def simulate(
     ('drift', 'sp_sk')
     """
     for name in parameters:
-        if name not in INSTEAD:
+        if name not in (*INSTEAD, "harmonics"):
             check_name(name)
     if is_point(start):
         if was_carried(start):

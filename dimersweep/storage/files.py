@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
-from dimersweep.errors import ParameterError, StoreError
+from dimersweep.errors import StoreError
 
 # of a file that is being written, or that a kill has left half written
 HALF = re.compile(r"\.dimersweep-[0-9a-f]{32}\.tmp")
@@ -84,19 +84,3 @@ def disk_errors(what: str, then: str) -> Iterator[None]:
     except (OSError, RuntimeError, sqlite3.Error) as error:  # netCDF-C reports a full disk as a RuntimeError
         reason = getattr(error, "strerror", None) or error
         raise StoreError(f"{what}: could not be written ({reason})" + (f"; {then}" if then else "")) from error
-
-
-def read_text(path: Path) -> str:
-    """What is written in a file of a user's, without the mark that some editors begin it with.
-
-    Raises
-    ------
-    ParameterError
-        If it cannot be read, or is no text.
-    """
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise ParameterError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError as error:
-        raise ParameterError(f"{path}: is no text in UTF-8 ({error})") from None

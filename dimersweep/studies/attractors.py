@@ -17,7 +17,7 @@ from dimersweep.cubes.results import Field
 from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
-from dimersweep.kernel.model.layout import CODE_N_PERIODS
+from dimersweep.kernel.model.layout import CODE_N_PERIODS, WAVES
 from dimersweep.orbits.features import Mirrors, features_of_orbit, mirrors_of
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import traced
@@ -233,7 +233,7 @@ def _pair(name: str, pair: Any) -> tuple[float, float]:
 
 
 def _check_one_plate(fixed: Mapping[str, float], table: Mapping[str, np.ndarray]) -> None:
-    """Refuse a plate on which the heading counts, and starts at phases that would make the plate's second harmonic another.
+    """Refuse a plate on which the heading counts, and starts at phases that would make the plate's higher harmonics others.
 
     Raises
     ------
@@ -241,8 +241,9 @@ def _check_one_plate(fixed: Mapping[str, float], table: Mapping[str, np.ndarray]
     """
     most = dict(fixed) | {name: float(np.abs(column).max()) for name, column in table.items()}
     check_level(most, "attractors")
-    if most.get("Gamma_2") and "phi0" in table:
-        raise ParameterError("phi0: cannot be drawn where Gamma_2 is given, as phi_2 counts from the start")
+    for intensity, phase in WAVES[0][1:]:
+        if most.get(intensity) and "phi0" in table:
+            raise ParameterError(f"phi0: cannot be drawn where {intensity} is given, as {phase} counts from the start")
 
 
 def _axis_of(over: Mapping[str, Any] | None, columns: Mapping[str, np.ndarray]) -> tuple[str, np.ndarray]:

@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import tomllib
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -14,10 +13,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from dimersweep.cubes.grid import axis_values, fixed_value, without_directions
 from dimersweep.errors import ParameterError, StoreError, one_line, unknown
-from dimersweep.inputs import check_count, check_rtol
-from dimersweep.parameters import check
+from dimersweep.inputs import check_count, check_rtol, read_toml
+from dimersweep.parameters import check, spelt_out
 from dimersweep.storage.cubefiles import open_cube
-from dimersweep.storage.files import read_text
 from dimersweep.storage.outputs import check_ending
 from dimersweep.storage.provenance import differences
 from dimersweep.studies import refine, search, sweep
@@ -88,7 +86,7 @@ class PathsSection(SweepFileSection):
 class PlotSection(SweepFileSection):
     """How to draw the cube."""
 
-    kind: Picture = "mode_map"
+    kind: Picture | None = None
 
 
 class Declaration(SweepFileSection):
@@ -168,7 +166,8 @@ class Declaration(SweepFileSection):
     @property
     def attrs(self) -> dict[str, str]:
         """Attributes of the cube."""
-        return ({} if self.sweep.title is None else {"title": self.sweep.title}) | {"plot": self.plot.kind}
+        plot = self.plot.kind or ("circles" if self.sweep.sustained else "mode_map")
+        return ({} if self.sweep.title is None else {"title": self.sweep.title}) | {"plot": plot}
 
 
 def explain(error: ValidationError, whole: type[BaseModel]) -> list[str]:
@@ -199,9 +198,13 @@ def explain(error: ValidationError, whole: type[BaseModel]) -> list[str]:
 def _of_parameters(raw: Mapping[str, Any]) -> list[str]:
     """What is wrong with single parameters in the sections grid and fixed, each in one line."""
     mistakes = []
-    for section, read in (("grid", axis_values), ("fixed", fixed_value)):
-        given = raw.get(section, {})
-        for name, value in given.items() if isinstance(given, Mapping) else ():
+    sections = {name: given for name in ("grid", "fixed") if isinstance(given := raw.get(name, {}), Mapping)}
+    try:
+        fixed = spelt_out(sections.get("fixed", {}), dict.fromkeys(sections.get("grid", ())))
+    except ParameterError as error:
+        return [str(error)]
+    for given, read in ((sections.get("grid", {}), axis_values), (fixed, fixed_value)):
+        for name, value in given.items():
             try:
                 check({name: read(name, value)}, gaps=PARAMETERS)  # rules between two parameters wait for all of them
             except ParameterError as error:
@@ -235,13 +238,7 @@ def read_sections(
     ParameterError
         If it cannot be read; or with all its mistakes, as far as they can be told piece by piece, a line for each.
     """
-    text = read_text(path)
-    try:
-        raw = tomllib.loads(text)
-    except RecursionError:
-        raise ParameterError(f"{path}: is nested too deeply") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ParameterError(f"{path}: is no valid TOML ({error})") from None
+    raw = read_toml(path)
     mistakes = []
     try:
         declared = whole.model_validate(raw)

@@ -18,10 +18,9 @@ BASE = ""  # no extra
 SWEEP = "dimersweep.sweep({'f': [15.0, 20.0]}, periods=5, progress=False, out="
 # what each extra is for, as a short program in a folder of its own
 SMOKES = {
-    BASE: f"import dimersweep; {SWEEP}'cube.nc'); dimersweep.simulate(periods=5).animate('run.gif')",
+    BASE: f"import dimersweep; {SWEEP}'cube.nc'); dimersweep.simulate(periods=5).animate('run.gif'); dimersweep.explore()",
     "zarr": f"import dimersweep; {SWEEP}'cube.zarr'); dimersweep.open_cube('cube.zarr').load()",
-    "movie": "import dimersweep; run = dimersweep.simulate(periods=5); run.animate('run.mp4'); run.animate('run.html')",
-    "explore": f"import dimersweep; dimersweep.explore({SWEEP}'cube.nc'))",
+    "movie": "import dimersweep; dimersweep.simulate(periods=5).animate('run.mp4')",
     "sensitivity": """
 import dimersweep
 import numpy as np

@@ -17,7 +17,21 @@ from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.event_row import EVENT
-from dimersweep.kernel.model.layout import CODES, D1, D2, DIP, FREE, N_CODES, N_OUT, N_STATE, PERIOD, PHASE, SLIP, State
+from dimersweep.kernel.model.layout import (
+    CODES,
+    D1,
+    D2,
+    DIP,
+    FREE,
+    HARMONICS,
+    N_CODES,
+    N_OUT,
+    N_STATE,
+    PERIOD,
+    PHASE,
+    SLIP,
+    State,
+)
 from dimersweep.kernel.model.plate import motion, motion_along
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, new_record, no_record, rows_of, was_full
 from dimersweep.kernel.sample import sample
@@ -77,8 +91,8 @@ def total(dm, states):
 
 def plate_energy(dm):
     """Energy of the dimer at the greatest speed of the plate [J]."""
-    along = (dm.G_x**2 + dm.G_y**2) / dm.omega**2
-    return 0.5 * dm.m * ((dm.omega * (dm.A_z + 2.0 * dm.A_2)) ** 2 + along)
+    along = (dm.G_x[0] ** 2 + dm.G_y[0] ** 2) / dm.omega**2
+    return 0.5 * dm.m * (dm.most_speed**2 + along)
 
 
 def over_plate(dm, states):
@@ -183,7 +197,11 @@ def gravity_power(dm, s):
     """Power of the effective gravity along the normal and along the plate, per mass [W/kg]; of columns of states."""
     phase = s.phase + dm.phi0
     down = dm.g + motion(dm, phase)[2]
-    a_x, a_y = dm.fall_x + dm.G_x * np.sin(phase + dm.lag_x), dm.fall_y + dm.G_y * np.sin(phase + dm.lag_y)
+    orders = np.arange(1, HARMONICS + 1)
+    a_x, a_y = (
+        fall + (G * np.sin(np.multiply.outer(phase, orders) + lag)).sum(axis=-1)
+        for fall, G, lag in ((dm.fall_x, dm.G_x, dm.lag_x), (dm.fall_y, dm.G_y, dm.lag_y))
+    )
     sin_t, cos_t = np.sin(s.theta), np.cos(s.theta)
     along = a_x * (s.cb * cos_t - s.ca * sin_t) + a_y * (s.ca * cos_t + s.cb * sin_t)
     return along - down * of_centre(dm, s.n1, s.n2)
@@ -319,7 +337,7 @@ def look_at(row, rtol, status, n_events, events, segments):
         "rtol": rtol,
         "n_events": n_events,
         "penetration": largest(-gaps),
-        "length": float(max(dm.l, dm.A_z + dm.A_2, largest(gaps))),
+        "length": float(max(dm.l, dm.A.sum(), largest(gaps))),
         "gain": gain,
         "nothing": gain,
         "doubt": float(largest(doubt) / most) if most else 0.0,

@@ -9,7 +9,19 @@ import numpy as np
 
 from dimersweep.kernel.batch import run_many, stop
 from dimersweep.kernel.course import new_workspace
-from dimersweep.kernel.model.layout import M_DRIFT, N_CODES, N_OUT, NOT_RUN, OK, OUT, ROW, STATUSES, STOPPED
+from dimersweep.kernel.model.layout import (
+    HARMONICS,
+    M_DRIFT,
+    N_CODES,
+    N_OUT,
+    NOT_RUN,
+    OK,
+    OUT,
+    ROW,
+    STATUSES,
+    STOPPED,
+    WAVES,
+)
 from dimersweep.parameters import Parameters, fill_rows, value_of
 from dimersweep.symbols import BASE, ENDS, LEFT_OUT
 from tests.checks.examine import CODE, examine, lies
@@ -206,16 +218,33 @@ def whole(rng, n, away):
     return columns
 
 
+def harmonics(rng, n, columns):
+    """Higher harmonics of the plate: those of a saw-tooth, or some of any phases, along its normal or along all axes."""
+    waves = {}
+    for axis, wave in enumerate(WAVES):
+        there = rng.random(n) < (1.0 if axis == 0 else 0.3)
+        saw, last = rng.random(n) < 0.5, rng.integers(2, HARMONICS + 1, n)
+        first = columns.get(wave[0][0], np.zeros(n))
+        phase = columns["phi0"] if axis == 0 else columns.get(wave[0][1], np.zeros(n))
+        for k, (Gamma, phi) in enumerate(wave[1:], start=2):
+            size = np.where(saw, 1.0, rng.random(n) * (k <= last)) * first / k
+            waves[Gamma] = np.where(there, size, 0.0)
+            waves[phi] = np.where(saw, k * phase if axis == 0 else (k - 1) * phase, rng.uniform(0, 2 * pi, n))
+    return waves
+
+
 def rows_of(block, n, seed, domain):
     """Parameter rows of the first `n` scenes of one block; each block has random numbers of its own."""
     rng = np.random.default_rng([seed, block])
-    away = domain == "far" or (domain in ("mixed", "wider", "whole") and block % 2 == 1)
-    if domain == "whole":
+    away = domain == "far" or (domain in ("mixed", "wider", "whole", "harmonics") and block % 2 == 1)
+    if domain in ("whole", "harmonics"):
         columns = whole(rng, BLOCK, away)
     else:
         columns = wild(rng, BLOCK) if domain == "wild" else far(rng, BLOCK) if away else near(rng, BLOCK)
     if domain == "wider":
         columns |= wider(rng, BLOCK, columns)
+    if domain == "harmonics":
+        columns |= harmonics(rng, BLOCK, columns)
     return fill_rows(columns, BLOCK)[:n]
 
 

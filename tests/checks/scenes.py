@@ -6,6 +6,7 @@ from math import cos, pi, sin
 import numpy as np
 
 from dimersweep import simulate
+from dimersweep.kernel.model.layout import HARMONICS, WAVES
 from dimersweep.parameters import updated, without_effect
 from dimersweep.symbols import ENDS
 
@@ -105,6 +106,17 @@ def general_scene(seed):
     if seed % 3 != 0:
         for axis in "xy":
             scene |= {f"Gamma_{axis}": float(rng.uniform(0, 0.3)), f"phi_{axis}": float(rng.uniform(0, 2 * pi))}
+    return scene
+
+
+def sawtooth_scene(seed):
+    """A general scene whose plate moves as a saw-tooth of all harmonics along its normal, and by some of them along itself."""
+    scene, rng = general_scene(seed), np.random.default_rng([20261127, seed])
+    for k, (Gamma, phi) in enumerate(WAVES[0][1:], start=2):
+        scene |= {Gamma: scene["Gamma"] / k, phi: float(k * scene.get("phi0", 0.0) + pi * (k + 1))}
+    for k in rng.choice(np.arange(2, HARMONICS + 1), 3, replace=False):
+        Gamma, phi = WAVES[1 + int(rng.integers(2))][k - 1]
+        scene |= {Gamma: float(rng.uniform(0, 0.1)), phi: float(rng.uniform(0, 2 * pi))}
     return scene
 
 

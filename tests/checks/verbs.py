@@ -82,8 +82,8 @@ def angular_momentum(dm, state):
 
 
 @exported
-def gap_series(fl, s, t):
-    return free_motion.gap_series(fl, number(s), t)
+def gap_series(dm, fl, s, t):
+    return free_motion.gap_series(dm, fl, number(s), t)
 
 
 @exported
@@ -93,14 +93,14 @@ def fly(dm, state, t):
 
 
 @exported
-def first_landing(fl, sign, until):
-    return landing.first_landing(fl, number(sign), until)
+def first_landing(dm, fl, sign, until):
+    return landing.first_landing(dm, fl, number(sign), until)
 
 
 @exported
-def next_landing(fl, until):
+def next_landing(dm, fl, until):
     """Sign of the end that lands first (0.0 for neither), the time, and the probes."""
-    i, t, probes = landing.next_landing(fl, until)
+    i, t, probes = landing.next_landing(dm, fl, until)
     return (0.0 if i < 0 else (-1.0 if i == 0 else 1.0)), t, probes
 
 
@@ -183,7 +183,7 @@ def along_plate(dm, phase, theta):
 @exported
 def plate_bounds(dm):
     """Bounds of the plate's speed, of the effective gravity from above, and of the third and fourth derivative."""
-    return plate.speed_bound(dm), plate.heaviest(dm), plate.jerk_bound(dm), plate.snap_bound(dm)
+    return dm.most_speed, plate.heaviest(dm), dm.most_jerk, dm.most_snap
 
 
 def row_of(**parameters):

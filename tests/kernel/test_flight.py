@@ -73,13 +73,13 @@ def test_gaps_of_a_tumbling_dimer(seed):
     axis, rate = axis_and_rate(dm, state)
     momentum = -np.array(angular_momentum(dm, state))  # the frame (a, b, n) is left-handed
     np.testing.assert_allclose(np.cross(momentum, axis), rate, atol=1e-12)
-    climb = 0.5 * (state[N1] + state[N2]) + dm.A_z * dm.omega * cos(0.4 + dm.phi0)
+    climb = 0.5 * (state[N1] + state[N2]) + dm.A[0] * dm.omega * cos(0.4 + dm.phi0)
     passed = False
     for t in np.linspace(0.01, 0.6, 40):
         end = flown(dm, state, t)
         turned = Rotation.from_rotvec(momentum * t).apply(axis)
         height = climb * t - 0.5 * dm.g * t**2
-        plate = dm.A_z * (sin(dm.omega * t + 0.4 + dm.phi0) - sin(0.4 + dm.phi0))
+        plate = dm.A[0] * (sin(dm.omega * t + 0.4 + dm.phi0) - sin(0.4 + dm.phi0))
         centre = 0.5 * (state[D1] + state[D2]) + height - plate
         expected = centre + np.array([-1, 1]) * dm.p2.h * turned[2]
         np.testing.assert_allclose(end[[D1, D2]], expected, atol=1e-14)
@@ -104,8 +104,8 @@ def test_invariants(seed):
 def _invariants(dm, state):
     """Energy in the lab, angular momentum and horizontal momentum in fixed axes."""
     phase = state[PHASE] + dm.phi0
-    climb = 0.5 * (state[N1] + state[N2]) + dm.A_z * dm.omega * cos(phase)
-    height = 0.5 * (state[D1] + state[D2]) + dm.A_z * sin(phase)
+    climb = 0.5 * (state[N1] + state[N2]) + dm.A[0] * dm.omega * cos(phase)
+    height = 0.5 * (state[D1] + state[D2]) + dm.A[0] * sin(phase)
     moving = dm.m * (state[CA] ** 2 + state[CB] ** 2 + climb**2 + 2 * dm.g * height)
     energy = 0.5 * (moving + dm.J_t * (state[WB] ** 2 + state[WP] ** 2) + dm.J_a * state[SPIN] ** 2)
     L_a, L_b, L_n = angular_momentum(dm, state)
@@ -125,7 +125,7 @@ def test_gaps_of_hops_of_any_size_keep_ten_digits(hop, s):
     state[D1 + other] = -s * dm.l * sin(state[DIP])
     state[N1 + own] = 0.5 * 9.0 * hop
     state[N1 + other] = state[N1 + own] - s * dm.l * cos(state[DIP]) * state[WB]
-    gap, rate, _, _ = gap_series(take_off(dm, state), s, hop)
+    gap, rate, _, _ = gap_series(dm, take_off(dm, state), s, hop)
     with mpmath.workdps(50):
         exact = _exact_gap(dm, state, s, own)
         t = mpmath.mpf(hop)
@@ -143,7 +143,7 @@ def _exact_gap(dm, state, s, own):
     L = (-sb * w_p + cb * ratio * spin, w_b, cb * w_p + sb * ratio * spin)
     Omega = mpmath.sqrt(sum(x**2 for x in L))
     along = (cb * L[0] + sb * L[2]) * L[2] / Omega**2
-    h, g, A, omega = (mp(float(x)) for x in (dm.p2.h, dm.g, dm.A_z, dm.omega))
+    h, g, A, omega = (mp(float(x)) for x in (dm.p2.h, dm.g, dm.A[0], dm.omega))
     phi = mp(float(dm.phi0))
 
     def rest(t):
@@ -171,8 +171,8 @@ def test_a_flight_without_rotation():
     state = np.zeros(N_STATE)
     state[[D1, D2, N1, N2, CA, CB]] = 0.01, 0.01, 0.2, 0.2, 0.3, -0.4
     end = flown(dm, state, 0.02)
-    plate = dm.A_z * sin(dm.omega * 0.02)
-    height = 0.01 + (0.2 + dm.A_z * dm.omega) * 0.02 - 0.5 * dm.g * 0.02**2 - plate
+    plate = dm.A[0] * sin(dm.omega * 0.02)
+    height = 0.01 + (0.2 + dm.A[0] * dm.omega) * 0.02 - 0.5 * dm.g * 0.02**2 - plate
     np.testing.assert_allclose(end[[D1, D2]], height, rtol=1e-13)
     np.testing.assert_allclose(end[[CA, CB, DIP, THETA]], (0.3, -0.4, 0, 0), rtol=1e-15)
     assert end[X1] == pytest.approx(-0.4 * 0.02, rel=1e-14)

@@ -21,7 +21,7 @@ class Ball:
     def __init__(self, d: Dimer) -> None:
         mp.dps = DIGITS
         self.e, self.g = mpf(d.e[0]), mpf(d.g)
-        self.A_z, self.omega, self.phi0 = mpf(d.A[2]), mpf(d.omega), mpf(d.phi[2])
+        self.A_z, self.omega, self.phi0 = mpf(d.A[0, 2]), mpf(d.omega), mpf(d.phi[0, 2])
 
     def plate_rate(self, t: mpf) -> mpf:
         """Velocity of the plate."""

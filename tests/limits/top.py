@@ -137,7 +137,7 @@ def fly(top, state, h):
 @compiled
 def gravity(top, t):
     """Gravity felt in the plate's frame."""
-    return top.g - top.A_z * top.omega**2 * sin(top.omega * t + top.phi0)
+    return top.g - top.A[0] * top.omega**2 * sin(top.omega * t + top.phi0)
 
 
 def state_of(d: Dimer, q: Array, qdot: Array) -> Array:

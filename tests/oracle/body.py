@@ -21,9 +21,15 @@ DEFAULTS = {
     "phi0": 0.0, "r": 5e-3, "rho_b": 7850.0, "rho_r": 1180.0, "D_r": 4e-3, "g": 9.81,
 }  # fmt: skip
 OTHERS = {
-    "Gamma_2", "phi_2", "mu_h", "l", "eta", "k_ratio", "tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y",
-    "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0",
+    "mu_h", "l", "eta", "k_ratio", "tilt", "azimuth", "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0",
 }  # fmt: skip
+# names of the intensity and the phase of each harmonic of the plate along X, Y, Z; the last ones count from the first phase
+HARMONICS = 16
+WAVES = [
+    [(f"Gamma{axis}{index}", f"phi{axis}{index}") for axis in ("_x", "_y", "")]
+    for index in ("", *(f"_{k}" for k in range(2, HARMONICS + 1)))
+]
+WAVES[0][2] = ("Gamma", "phi0")
 ENDS = ("e", "r", "rho_b", "mu", "mu_s", "mu_h")
 Pair = tuple[float, float]
 
@@ -48,10 +54,8 @@ class Dimer:
     g: float
     omega: float
     fall: Array  # gravity along the plate's axes X, Y, Z
-    A: Array  # amplitudes of the plate along them
+    A: Array  # amplitudes of the plate along them, a row a harmonic
     phi: Array  # their phases at t = 0
-    A_2: float
-    phi_2: float
 
 
 def dimer(params: Mapping[str, float]) -> Dimer:
@@ -66,7 +70,8 @@ def dimer(params: Mapping[str, float]) -> Dimer:
     -------
     Dimer
     """
-    unknown = set(params) - set(DEFAULTS) - OTHERS - {f"{name}_{i}" for name in ENDS for i in (1, 2)}
+    waves = {name for wave in WAVES for names in wave for name in names}
+    unknown = set(params) - set(DEFAULTS) - OTHERS - waves - {f"{name}_{i}" for name in ENDS for i in (1, 2)}
     if unknown:
         raise ValueError(f"unknown parameters: {sorted(unknown)}")
     p = {**DEFAULTS, **params}
@@ -88,31 +93,38 @@ def dimer(params: Mapping[str, float]) -> Dimer:
     J1 += m_r * (rod**2 / 12 + p["D_r"] ** 2 / 16 + (middle - h) ** 2)
     J2 = sum(J_b) + m_r * p["D_r"] ** 2 / 8
     omega, g = 2 * pi * p["f"], p["g"]
-    tilt, azimuth, phi0 = p.get("tilt", 0.0), p.get("azimuth", 0.0), p["phi0"]
+    tilt, azimuth = p.get("tilt", 0.0), p.get("azimuth", 0.0)
+    orders = np.arange(1, HARMONICS + 1)[:, None]
+    Gamma, phi = (np.array([[p.get(each[j], 0.0) for each in wave] for wave in WAVES]) for j in (0, 1))
+    phi[:, :2] += orders * p["phi0"]
+    there = max(1, 1 + int(np.flatnonzero(Gamma.any(axis=1)).max(initial=0)))
+    Gamma, phi, orders = Gamma[:there], phi[:there], orders[:there]
     mu_s = ends("mu_s")
     return Dimer(
         r=r, l=length, h=h, beta_0=asin((r[1] - r[0]) / length), m=m, J1=J1, J2=J2,
         e=ends("e"), mu=ends("mu"), mu_s=mu_s, mu_h=ends("mu_h", mu_s),
         k=(1.0, p.get("k_ratio", sqrt(r[1] / r[0]))), eta=p.get("eta", 1.5), g=g, omega=omega,
         fall=g * np.array([sin(tilt) * cos(azimuth), sin(tilt) * sin(azimuth), -cos(tilt)]),
-        A=np.array([p.get("Gamma_x", 0.0), p.get("Gamma_y", 0.0), p["Gamma"]]) * g / omega**2,
-        phi=phi0 + np.array([p.get("phi_x", 0.0), p.get("phi_y", 0.0), 0.0]),
-        A_2=p.get("Gamma_2", 0.0) * g / (2 * omega) ** 2, phi_2=p.get("phi_2", 0.0),
+        A=Gamma * g / (orders * omega) ** 2, phi=phi,
     )  # fmt: skip
 
 
 def felt(d: Dimer, t: float) -> Array:
     """Gravity less the plate's acceleration, along X, Y, Z: what a body feels in the plate's frame."""
-    out: Array = d.fall + d.A * d.omega**2 * np.sin(d.omega * t + d.phi)
-    out[2] += d.A_2 * (2 * d.omega) ** 2 * sin(2 * d.omega * t + d.phi_2)
-    return out
+    rates = _rates(d)
+    return d.fall + (d.A * rates**2 * np.sin(rates * t + d.phi)).sum(axis=0)
 
 
 def plate_velocity(d: Dimer, t: float) -> Array:
     """Velocity of the plate along X, Y, Z."""
-    out: Array = d.A * d.omega * np.cos(d.omega * t + d.phi)
-    out[2] += d.A_2 * 2 * d.omega * cos(2 * d.omega * t + d.phi_2)
+    rates = _rates(d)
+    out: Array = (d.A * rates * np.cos(rates * t + d.phi)).sum(axis=0)
     return out
+
+
+def _rates(d: Dimer) -> Array:
+    """Angular frequencies of the harmonics that there are, and of those before them, in a column."""
+    return d.omega * np.arange(1, len(d.A) + 1)[:, None]
 
 
 def _angles(d: Dimer, q: Array) -> tuple[float, float, float, float]:

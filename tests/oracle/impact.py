@@ -203,7 +203,9 @@ class _Impact:
             method = LSODA
             tau, y, fired = march(LSODA(rhs, **options), events, parts=2)
         if any(names[j][1] == "ended" for j in fired):  # the last step went on without force, which is not smooth there
-            y = solve_ivp(rhs, (0.0, tau), y0, method, rtol=self.tol, atol=self.tol * 1e-2, first_step=1e-5).y[:, -1]
+            y = solve_ivp(
+                rhs, (0.0, tau), y0, method, rtol=self.tol, atol=self.tol * 1e-2, first_step=min(1e-5, tau)
+            ).y[:, -1]
         self.c, X, _ = unpack(y)
         self.X = np.maximum(X, 0)
         self.P += y[: 3 * k].reshape(k, 3)

@@ -13,7 +13,6 @@ from dimersweep.kernel.contact.forces import COMPLIANCE, F1, F2, contact_rates, 
 from dimersweep.kernel.contact.step_control import RESCALED, step_to
 from dimersweep.kernel.model.body import end
 from dimersweep.kernel.model.layout import FREE, SLIP, STICK
-from dimersweep.kernel.model.plate import tempo
 from dimersweep.kernel.numerics import root_bracket
 from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.steps import on_cubic
@@ -137,7 +136,7 @@ def arm_events(p, values):
 @compiled
 def motion_rate(dm, y):
     """Rate at which the motion changes [rad/s]: that of the plate, or of the falling and turning rod."""
-    return max(tempo(dm), dm.w_scale + abs(y[Y.w_b]) + abs(y[Y.w_p]) + dm.J_a * dm.it * abs(y[Y.spin]))
+    return max(dm.tempo, dm.w_scale + abs(y[Y.w_b]) + abs(y[Y.w_p]) + dm.J_a * dm.it * abs(y[Y.spin]))
 
 
 # --- where an event lies in a step, and whether a step may hide one ------------------------------------------------------

@@ -9,11 +9,11 @@ from math import copysign, floor, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import TWO_PI, attitude, lift
+from dimersweep.kernel.model.body import attitude, lift
 from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, GAMMA, N1, N2, PHASE, SPIN, THETA, WB, WP, X1, Y1
-from dimersweep.kernel.model.plate import over_plate, snap_bound, sway_from, swing
+from dimersweep.kernel.model.plate import over_plate, sway_from, swung
 from dimersweep.kernel.numerics.elementary import atan2, length
-from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos, x_minus_sin
+from dimersweep.kernel.numerics.sincos import TWO_PI, one_minus_cos, sincos, x_minus_sin
 
 
 class Flight(NamedTuple):
@@ -70,7 +70,7 @@ def take_off(dm, state):
         c1,
         c2,
         sway_from(dm, state[PHASE] + dm.phi0),
-        max(-dm.p1.h, dm.p2.h) * O2 * O2 * sqrt(c1 * c1 + c2 * c2) + snap_bound(dm),
+        max(-dm.p1.h, dm.p2.h) * O2 * O2 * sqrt(c1 * c1 + c2 * c2) + dm.most_snap,
         sin_b,
         cos_b,
         L,
@@ -78,7 +78,7 @@ def take_off(dm, state):
 
 
 @compiled(inline=True)
-def gap_series(fl, i, t):
+def gap_series(dm, fl, i, t):
     """Gap of end i at time t and its first three time derivatives, the first of them that of (1)."""
     x = fl.Omega * t
     sx, cx = sincos(x)
@@ -91,7 +91,7 @@ def gap_series(fl, i, t):
         -fl.g - O2 * (fl.c1 * cx + fl.c2 * sx),
         -O2 * fl.Omega * (fl.c2 * cx - fl.c1 * sx),
     )
-    return over_plate(fl.sway, t, over)
+    return over_plate(dm, fl.sway, t, over)
 
 
 @compiled(inline=True)
@@ -134,8 +134,8 @@ def fly(dm, fl, state, t, path):
         Whether the cyclic coordinates x1, y1, gamma are wanted (theta always is).
     """
     sin_b, cos_b, (L_a, L_b, L_n) = fl.sin_b, fl.cos_b, fl.L
-    gap_1, rate_1, _, _ = gap_series(fl, 0, t)
-    gap_2, rate_2, _, _ = gap_series(fl, 1, t)
+    gap_1, rate_1, _, _ = gap_series(dm, fl, 0, t)
+    gap_2, rate_2, _, _ = gap_series(dm, fl, 1, t)
     u_a, u_b, rise = cos_b, 0.0, lift(dm, state[DIP])
     turn = 0.0
     if fl.Omega > 0.0:
@@ -172,10 +172,8 @@ def fly(dm, fl, state, t, path):
 @compiled
 def swing_along(dm, state, t, path):
     """Add what a plate that is tilted or moves along itself does to the velocity and the place over a flight, in place."""
-    phase = state[PHASE] + dm.phi0
     sin_t, cos_t = sincos(state[THETA])
-    v_x, x = swing(dm.fall_x, dm.G_x, dm.omega, phase + dm.lag_x, t)
-    v_y, y = swing(dm.fall_y, dm.G_y, dm.omega, phase + dm.lag_y, t)
+    v_x, x, v_y, y = swung(dm, state[PHASE] + dm.phi0, t)
     state[CA] += v_y * cos_t - v_x * sin_t
     state[CB] += v_x * cos_t + v_y * sin_t
     if path:

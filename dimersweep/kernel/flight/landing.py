@@ -10,7 +10,7 @@ from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.flight.free_motion import gap_series
-from dimersweep.kernel.model.plate import bound_of_acceleration
+from dimersweep.kernel.model.plate import heaviest
 from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.sincos import sincos
 
@@ -53,7 +53,7 @@ def safe_step(c0, c1, c2, c3, bound4, span):
 
 
 @compiled
-def out_of_reach(fl, i, t, gap, rate):
+def out_of_reach(dm, fl, i, t, gap, rate):
     """Time over which end i is too high to land, however the axis swings; 0.0 if it is within reach.
 
     Without its swing of amplitude h |c| the gap has a curvature of at least -(g + plate).
@@ -66,7 +66,7 @@ def out_of_reach(fl, i, t, gap, rate):
     height = gap - swing - reach - ROUNDED_HEIGHT * (abs(gap) + reach)
     if height <= 0.0:
         return 0.0
-    curve = fl.g + bound_of_acceleration(fl.sway)
+    curve = heaviest(dm)
     root = sqrt(rise * rise + 2.0 * curve * height)
     return (rise + root) / curve if rise > 0.0 else 2.0 * height / (root - rise)
 
@@ -103,7 +103,7 @@ def fall(c0, c1, c2, c3, bound4):
 
 
 @compiled
-def first_landing(fl, i, until):
+def first_landing(dm, fl, i, until):
     """First time in (0, until] at which the gap of end i is zero.
 
     Returns
@@ -115,7 +115,7 @@ def first_landing(fl, i, until):
     """
     t, falls = 0.0, False
     for probe in range(1, MAX_LANDING_PROBES):
-        gap, rate, second, third = gap_series(fl, i, t)
+        gap, rate, second, third = gap_series(dm, fl, i, t)
         if rate < 0.0 and (gap > 0.0 or falls):
             step, off = fall(gap, rate, second, third, fl.bound4)
             if step < inf:
@@ -128,7 +128,7 @@ def first_landing(fl, i, until):
             return t, probe
         step = safe_step(max(gap, 0.0), rate, second, third, fl.bound4, until - t)
         if fl.Omega > SWIFT * fl.sway.omega:
-            step = max(step, min(out_of_reach(fl, i, t, gap, rate), until - t))
+            step = max(step, min(out_of_reach(dm, fl, i, t, gap, rate), until - t))
         if t + step >= until:
             return inf, probe
         if probe > 1 and step <= 4.0 * EPS * t:
@@ -140,14 +140,14 @@ def first_landing(fl, i, until):
 
 
 @compiled
-def next_landing(fl, until):
+def next_landing(dm, fl, until):
     """The end that lands first (-1 for neither), the time, and the probes of both.
 
     The end nearer to the plate is asked first: the other one then counts only until that landing.
     """
     near = 0 if fl.d_1 <= fl.d_2 else 1
-    t, probes = first_landing(fl, near, until)
-    other, more = first_landing(fl, 1 - near, min(t, until))
+    t, probes = first_landing(dm, fl, near, until)
+    other, more = first_landing(dm, fl, 1 - near, min(t, until))
     if probes == MAX_LANDING_PROBES or more == MAX_LANDING_PROBES:
         return -1, t, MAX_LANDING_PROBES
     if other < t:

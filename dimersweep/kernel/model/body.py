@@ -23,8 +23,8 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled, exported, plain
 from dimersweep.kernel.compiler.records import new_record
-from dimersweep.kernel.model.layout import CA, CB, DIP, N1, N2, SPIN, THETA, WB, WP, X1, Y1, Dimer
-from dimersweep.kernel.model.plate import TWO_PI, amplitude
+from dimersweep.kernel.model.layout import CA, CB, DIP, N1, N2, N_DIMER_ROW, SPIN, THETA, WB, WP, X1, Y1, Dimer
+from dimersweep.kernel.model.plate import set_plate
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos
 
@@ -72,8 +72,8 @@ def set_dimer(row, dm):
         Filled in place.
     """
     # fmt: off
-    (e_1, e_2, Gamma, f, A_r, mu_1, mu_2, mu_s_1, mu_s_2, mu_h_1, mu_h_2, _, _, phi0, r_1, r_2, rho_b_1, rho_b_2, rho_r,
-     D_r, g, Gamma_2, phi_2, eta, k_ratio, tilt, azimuth, Gamma_x, phi_x, Gamma_y, phi_y, _, _, _, _, _, _) = row
+    (e_1, e_2, f, A_r, mu_1, mu_2, mu_s_1, mu_s_2, mu_h_1, mu_h_2,
+     r_1, r_2, rho_b_1, rho_b_2, rho_r, D_r, g, eta, k_ratio, tilt, azimuth) = row[:N_DIMER_ROW]
     # fmt: on
     lever = (A_r - 1.0) * (r_1 + r_2)
     rod = lever - (r_1 + r_2)
@@ -99,14 +99,7 @@ def set_dimer(row, dm):
     dm.beta_0 = atan2(dm.sin_0, dm.cos_0)
     dm.eta = eta
     set_pair(dm)
-    sin_tilt, cos_tilt = sincos(tilt)
-    sin_way, cos_way = sincos(azimuth)
-    dm.omega, dm.period, dm.g = TWO_PI * f, 1.0 / f, g * cos_tilt
-    dm.A_z, dm.phi0 = amplitude(Gamma, g, dm.omega), phi0 - TWO_PI * (phi0 // TWO_PI)
-    dm.A_2, dm.lag = amplitude(Gamma_2, g, 2.0 * dm.omega), (phi_2 - 2.0 * phi0) % TWO_PI
-    dm.sideways = 1.0 if tilt != 0.0 or Gamma_x != 0.0 or Gamma_y != 0.0 else 0.0
-    dm.fall_x, dm.fall_y = g * sin_tilt * cos_way, g * sin_tilt * sin_way
-    dm.G_x, dm.lag_x, dm.G_y, dm.lag_y = Gamma_x * g, phi_x % TWO_PI, Gamma_y * g, phi_y % TWO_PI
+    set_plate(row, f, g, tilt, azimuth, dm)
     dm.v_scale, dm.w_scale = min(g / dm.omega, sqrt(g * lever)), sqrt(g / lever)
 
 

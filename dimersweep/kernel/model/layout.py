@@ -6,14 +6,24 @@ from math import inf, nan, pi
 from typing import Annotated, Any, NamedTuple
 
 # --- parameters at rest: one flat row of floats per run -------------------------------------------------------------
-ROW = (
-    "e_1", "e_2", "Gamma", "f", "A_r", "mu_1", "mu_2", "mu_s_1", "mu_s_2", "mu_h_1", "mu_h_2", "beta0", "xdot0", "phi0",
-    "r_1", "r_2", "rho_b_1", "rho_b_2", "rho_r", "D_r", "g", "Gamma_2", "phi_2", "eta", "k_ratio",
-    "tilt", "azimuth", "Gamma_x", "phi_x", "Gamma_y", "phi_y", "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0",
+HARMONICS = 16  # of the plate's motion along each axis
+# intensity and phase of each harmonic along z, x and y
+WAVES = tuple(
+    tuple(
+        (f"Gamma{axis}{index}", f"phi{axis}{index or first}")
+        for index in ("", *(f"_{k}" for k in range(2, HARMONICS + 1)))
+    )
+    for axis, first in (("", "0"), ("_x", ""), ("_y", ""))
+)
+DIMER_ROW = (
+    "e_1", "e_2", "f", "A_r", "mu_1", "mu_2", "mu_s_1", "mu_s_2", "mu_h_1", "mu_h_2",
+    "r_1", "r_2", "rho_b_1", "rho_b_2", "rho_r", "D_r", "g", "eta", "k_ratio", "tilt", "azimuth",
 )  # fmt: skip
-N_ROW = len(ROW)
-# theta0 and what follows stands last
-ROW_BETA0, ROW_XDOT0, ROW_PHI0, ROW_PHI_2, ROW_THETA0 = map(ROW.index, ("beta0", "xdot0", "phi0", "phi_2", "theta0"))
+START_ROW = ("beta0", "xdot0", "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0")
+ROW = (*DIMER_ROW, *(name for wave in WAVES for harmonic in wave for name in harmonic), *START_ROW)
+N_ROW, N_DIMER_ROW = len(ROW), len(DIMER_ROW)
+ROW_Z, ROW_X, ROW_Y, ROW_START = (N_DIMER_ROW + 2 * HARMONICS * k for k in range(4))
+ROW_PHI0, ROW_BETA0 = ROW_Z + 1, ROW_START
 
 
 class End:
@@ -76,23 +86,33 @@ class Dimer:
     it: float
     ia: float
     g: float  # gravity along the normal of the plate [m s-2]
-    A_z: float  # plate amplitude [m]
     omega: float  # plate angular frequency [rad s-1]
     period: float  # forcing period [s]
     phi0: float  # plate phase at t = 0, reduced to [0, 2 pi) [rad]
-    A_2: float  # amplitude of the plate's second harmonic [m]
-    lag: float  # its angle where the phase is zero [rad]
+    n_z: int  # the highest harmonic of the plate along its normal, and of that along itself, at least 1
+    n_along: int
+    tempo: float  # greatest angular frequency in the motion along the normal [rad s-1]
+    most_speed: float  # bounds of the first four time derivatives of its height [m s-1] to [m s-4]
+    most_acceleration: float
+    most_jerk: float
+    most_snap: float
     sideways: (
         float  # 1.0 where the plate is tilted or moves along itself, else 0.0: then the heading is of no consequence
     )
     fall_x: float  # gravity along the axes X, Y of the plate [m s-2]
     fall_y: float
-    G_x: float  # amplitudes of the acceleration along them, and their angles ahead of the phase [m s-2], [rad]
-    lag_x: float
-    G_y: float
-    lag_y: float
     v_scale: float  # the lesser of g/omega, gained in 1/omega of free fall, and that of a rod tipping over [m s-1]
     w_scale: float  # sqrt(g/l), the rate of a rod tipping over [rad s-1]
+    A: Annotated[list[float], HARMONICS]  # amplitudes of the harmonics along the normal [m]
+    lag: Annotated[list[float], HARMONICS]  # their angles where the phase is zero [rad]
+    G_x: Annotated[list[float], HARMONICS]  # amplitudes of the acceleration along X, Y [m s-2]
+    lag_x: Annotated[list[float], HARMONICS]
+    G_y: Annotated[list[float], HARMONICS]
+    lag_y: Annotated[list[float], HARMONICS]
+    sway_s: Annotated[
+        list[float], HARMONICS
+    ]  # A sin, A cos of the harmonics' angles at the start of a flight [m]: scratch
+    sway_c: Annotated[list[float], HARMONICS]
 
 
 # --- state: the closed state in the plate frame, then the cyclic coordinates ----------------------------------------

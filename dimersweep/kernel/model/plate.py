@@ -1,14 +1,16 @@
 """The vibrating plate: its place, and all that follows from it. Another waveform is written here, and nowhere else.
 
-    z_p = A_z sin(phase) + A_2 sin(2 phase + lag),    phase = omega t + phi0,    lag = phi_2 - 2 phi0
+    z_p = sum over k = 1 ... 16 of A_k sin(k phase + lag_k),    phase = omega t + phi0,    lag_k = phi_k - k phi0
 
-In the frame of the plate gravity is g_e = g + z_p''. A plate without second harmonic (A_2 = 0) takes one sine a value.
+with A_k (k omega)^2 = Gamma_k g; A_1 is the paper's A_z, and lag_1 is zero. In the frame of the plate gravity is
+g_e = g + z_p''. A plate without higher harmonics takes one sine a value.
 
 A plate that is tilted, or moves along its own axes X and Y too, gives the body the acceleration, relative to the plate,
 
-    A_x = g sin(tilt) cos(azimuth) + Gamma_x g sin(phase + phi_x),    A_y likewise with sin(azimuth), Gamma_y, phi_y,
+    A_x = g sin(tilt) cos(azimuth) + sum over k of Gamma_x_k g sin(k phase + phi_x_k),
 
-and g_e has g cos(tilt) in the place of g. Then, and only then, the heading of the dimer counts.
+A_y likewise with sin(azimuth), Gamma_y_k, phi_y_k, and g_e has g cos(tilt) in the place of g. Then, and only then,
+the heading of the dimer counts.
 """
 
 from math import inf, sqrt
@@ -17,45 +19,91 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.layout import ROW_PHI0, ROW_PHI_2
+from dimersweep.kernel.model.layout import HARMONICS, ROW_PHI0, ROW_X, ROW_Y, ROW_Z
 from dimersweep.kernel.numerics.sincos import TWO_PI, one_minus_cos, sincos, x_minus_sin
 
 STEADY = 1e-9  # acceleration across the heading, in g, that counts as none
-CREST_EXCESS = 1e-9  # excess of the bound on a crest over its height, over the sum of both harmonics
+CREST_EXCESS = 1e-9  # excess of the bound on a crest over its height, over the sum of all harmonics
 
 
 # --- constants of a plate ---------------------------------------------------------------------------------------------
 
 
 @compiled
-def amplitude(Gamma, g, omega):
-    """Amplitude of a harmonic of this intensity and angular frequency [m]."""
-    return Gamma * g / omega**2
+def set_plate(row, f, g, tilt, azimuth, dm):
+    """Fill in the plate of one parameter row.
+
+    Parameters
+    ----------
+    row : float64 array, shape (N_ROW,)
+    f, g, tilt, azimuth : float
+        Of the row: frequency [Hz], gravity [m s-2], slope and its direction [rad].
+    dm : Dimer
+        Filled in place.
+    """
+    sin_tilt, cos_tilt = sincos(tilt)
+    sin_way, cos_way = sincos(azimuth)
+    omega, phi0 = TWO_PI * f, row[ROW_PHI0]
+    dm.omega, dm.period, dm.g, dm.phi0 = omega, 1.0 / f, g * cos_tilt, phi0 - TWO_PI * (phi0 // TWO_PI)
+    dm.fall_x, dm.fall_y = g * sin_tilt * cos_way, g * sin_tilt * sin_way
+    dm.n_z, dm.n_along, dm.sideways = 1, 1, 0.0 if tilt == 0.0 else 1.0
+    speed, acceleration, jerk, snap = 0.0, 0.0, 0.0, 0.0
+    for j in range(HARMONICS):
+        k = j + 1.0
+        Gamma, Gamma_x, Gamma_y = row[ROW_Z + 2 * j], row[ROW_X + 2 * j], row[ROW_Y + 2 * j]
+        dm.A[j], dm.G_x[j], dm.G_y[j] = Gamma * g / (k * omega) ** 2, Gamma_x * g, Gamma_y * g
+        if Gamma != 0.0:
+            dm.n_z, dm.lag[j] = j + 1, (row[ROW_Z + 2 * j + 1] - k * phi0) % TWO_PI
+        if Gamma_x != 0.0 or Gamma_y != 0.0:
+            dm.n_along, dm.sideways = j + 1, 1.0
+            dm.lag_x[j], dm.lag_y[j] = row[ROW_X + 2 * j + 1] % TWO_PI, row[ROW_Y + 2 * j + 1] % TWO_PI
+        speed += k * dm.A[j]
+        acceleration += k * k * dm.A[j]
+        jerk += k * k * k * dm.A[j]
+        snap += k * k * k * k * dm.A[j]
+    dm.tempo, dm.most_speed, dm.most_acceleration = dm.n_z * omega, speed * omega, acceleration * omega**2
+    dm.most_jerk, dm.most_snap = jerk * omega**3, snap * (omega * omega) * (omega * omega)
 
 
 @compiled
-def wave(a, b, lag, phase):
-    """a sin(phase) + b sin(2 phase + lag), and its derivative with respect to the phase."""
-    s, c = sincos(phase)
-    s_2, c_2 = sincos(2.0 * phase + lag)
-    return a * s + b * s_2, a * c + 2.0 * b * c_2
+def wave(dm, phase):
+    """-z_p'' [m s-2], and its derivative with respect to the phase."""
+    value, slope = 0.0, 0.0
+    for j in range(dm.n_z):
+        k = j + 1.0
+        a = k * k * dm.A[j] * dm.omega * dm.omega
+        s, c = sincos(k * phase + dm.lag[j])
+        value, slope = value + a * s, slope + k * a * c
+    return value, slope
 
 
 @compiled
-def crest(a, b, lag):
-    """A bound of a sin(phase) + b sin(2 phase + lag) over all phases, above its maximum by `CREST_EXCESS` at most.
+def crest(dm):
+    """A bound of -z_p'' over all phases, above its maximum by `CREST_EXCESS` at most [m s-2].
 
     Steps lead round the cycle over which the wave certainly stays below what has been seen of it (its curvature is at most
-    a + 4 b), or certainly rises to their ends. A coarse round finds the crest, so that the second one need not climb it.
+    `bend`), or certainly rises to their ends. A coarse round finds the crest, so that the second one need not climb it.
     """
-    bend, top, spare = a + 4.0 * b, -inf, 0.0
+    bend, top, spare = dm.most_snap / (dm.omega * dm.omega), -inf, 0.0
     for excess in (1e-3, CREST_EXCESS):
-        phase, spare = 0.0, excess * (a + b)
+        phase, spare = 0.0, excess * dm.most_acceleration
         while phase < TWO_PI:
-            value, slope = wave(a, b, lag, phase)
+            value, slope = wave(dm, phase)
             top = max(top, value)
             phase += max(slope, sqrt(slope * slope + 2.0 * bend * (top - value + spare)) - slope) / bend
     return top + spare
+
+
+@compiled
+def lightest(dm):
+    """Least g_e of a cycle [m s-2]."""
+    return dm.g - (dm.A[0] * dm.omega * dm.omega if dm.n_z == 1 else crest(dm))
+
+
+@compiled
+def heaviest(dm):
+    """Bound of g_e from above [m s-2]."""
+    return dm.g + dm.most_acceleration
 
 
 # --- the plate at a phase ---------------------------------------------------------------------------------------------
@@ -65,26 +113,31 @@ def crest(a, b, lag):
 def plate_rate(dm, phase):
     """z_p' [m s-1]."""
     _, c = sincos(phase)
-    first = dm.A_z * dm.omega * c
-    if dm.A_2 == 0.0:
-        return first
-    _, c_2 = sincos(2.0 * phase + dm.lag)
-    return first + 2.0 * dm.A_2 * dm.omega * c_2
+    rate = dm.A[0] * dm.omega * c
+    for j in range(1, dm.n_z):
+        k = j + 1.0
+        _, c = sincos(k * phase + dm.lag[j])
+        rate += k * dm.A[j] * dm.omega * c
+    return rate
 
 
 @compiled(inline=True)
 def effective_gravity(dm, phase):
     """g_e = g + z_p'' [m s-2]."""
     s, _ = sincos(phase)
-    g_e = dm.g - dm.A_z * dm.omega * dm.omega * s
-    return g_e if dm.A_2 == 0.0 else g_e - second_acceleration(dm.A_2, dm.lag, dm.omega, phase)
+    g_e = dm.g - dm.A[0] * dm.omega * dm.omega * s
+    return g_e if dm.n_z == 1 else g_e - higher_acceleration(dm, phase)
 
 
 @compiled
-def second_acceleration(A_2, lag, omega, phase):
-    """The part of the second harmonic in -z_p''. (A call of its own: what calls the others often stays small without it.)"""
-    s_2, _ = sincos(2.0 * phase + lag)
-    return 4.0 * A_2 * omega * omega * s_2
+def higher_acceleration(dm, phase):
+    """The part of the higher harmonics in -z_p''. (A call of its own: what calls the others often stays small without it.)"""
+    a = 0.0
+    for j in range(1, dm.n_z):
+        k = j + 1.0
+        s, _ = sincos(k * phase + dm.lag[j])
+        a += k * k * dm.A[j] * dm.omega * dm.omega * s
+    return a
 
 
 # --- along the plate --------------------------------------------------------------------------------------------------
@@ -93,9 +146,12 @@ def second_acceleration(A_2, lag, omega, phase):
 @compiled
 def acceleration_along(dm, phase, theta):
     """Acceleration of the body relative to the plate, along the heading theta and across it: A_a, A_b [m s-2]."""
-    s_x, _ = sincos(phase + dm.lag_x)
-    s_y, _ = sincos(phase + dm.lag_y)
-    a_x, a_y = dm.fall_x + dm.G_x * s_x, dm.fall_y + dm.G_y * s_y
+    a_x, a_y = dm.fall_x, dm.fall_y
+    for j in range(dm.n_along):
+        k = j + 1.0
+        s_x, _ = sincos(k * phase + dm.lag_x[j])
+        s_y, _ = sincos(k * phase + dm.lag_y[j])
+        a_x, a_y = a_x + dm.G_x[j] * s_x, a_y + dm.G_y[j] * s_y
     sin_t, cos_t = sincos(theta)
     return a_y * cos_t - a_x * sin_t, a_x * cos_t + a_y * sin_t
 
@@ -103,7 +159,10 @@ def acceleration_along(dm, phase, theta):
 @compiled
 def most_along(dm):
     """Bound of that acceleration, in any direction [m s-2]."""
-    return sqrt((abs(dm.fall_x) + abs(dm.G_x)) ** 2 + (abs(dm.fall_y) + abs(dm.G_y)) ** 2)
+    most_x, most_y = abs(dm.fall_x), abs(dm.fall_y)
+    for j in range(dm.n_along):
+        most_x, most_y = most_x + abs(dm.G_x[j]), most_y + abs(dm.G_y[j])
+    return sqrt(most_x**2 + most_y**2)
 
 
 @compiled
@@ -118,69 +177,44 @@ def keeps_speed(dm, theta, w_p):
     sin_t, cos_t = sincos(theta)
     fall = abs(dm.fall_x * cos_t + dm.fall_y * sin_t)
     if dm.p1.r != dm.p2.r:
-        fall += abs(dm.G_x * cos_t) + abs(dm.G_y * sin_t) + abs(w_p) * dm.v_scale
+        fall += abs(w_p) * dm.v_scale
+        for j in range(dm.n_along):
+            fall += abs(dm.G_x[j] * cos_t) + abs(dm.G_y[j] * sin_t)
     return fall <= STEADY * dm.g
 
 
 @compiled
 def velocity_along(dm, phase):
     """Velocity of the plate along its axes X, Y [m s-1]."""
-    _, c_x = sincos(phase + dm.lag_x)
-    _, c_y = sincos(phase + dm.lag_y)
-    return dm.G_x / dm.omega * c_x, dm.G_y / dm.omega * c_y
+    v_x, v_y = -0.0, -0.0  # whose sum with one number is that number, whatever the sign of a zero
+    for j in range(dm.n_along):
+        k = j + 1.0
+        _, c_x = sincos(k * phase + dm.lag_x[j])
+        _, c_y = sincos(k * phase + dm.lag_y[j])
+        v_x, v_y = v_x + dm.G_x[j] / (k * dm.omega) * c_x, v_y + dm.G_y[j] / (k * dm.omega) * c_y
+    return v_x, v_y
 
 
 @compiled
-def swing(fall, G, omega, angle, t):
-    """What the acceleration fall + G sin(angle + omega t) adds to a velocity and to a place over a time t."""
+def swung(dm, phase, t):
+    """What the acceleration along the axes X, Y adds to velocity and place in a time t from a phase on: v_x, x, v_y, y."""
+    v_x, x, v_y, y = dm.fall_x * t, 0.5 * dm.fall_x * t * t, dm.fall_y * t, 0.5 * dm.fall_y * t * t
+    for j in range(dm.n_along):
+        k = j + 1.0
+        v_x, x = swing(v_x, x, dm.G_x[j], k * dm.omega, k * phase + dm.lag_x[j], t)
+        v_y, y = swing(v_y, y, dm.G_y[j], k * dm.omega, k * phase + dm.lag_y[j], t)
+    return v_x, x, v_y, y
+
+
+@compiled
+def swing(v, x, G, omega, angle, t):
+    """A velocity and a place, and what the acceleration G sin(angle + omega t) adds to them over a time t."""
     y = omega * t
     sy, cy = sincos(y)
     s, c = sincos(angle)
     s, c = G / omega * s, G / omega * c
     k = one_minus_cos(sy, cy)
-    return fall * t + s * sy + c * k, 0.5 * fall * t * t + (s * k + c * x_minus_sin(y, sy)) / omega
-
-
-# --- bounds over a cycle ----------------------------------------------------------------------------------------------
-
-
-@compiled
-def tempo(dm):
-    """Greatest angular frequency in the motion of the plate [rad s-1]."""
-    return dm.omega if dm.A_2 == 0.0 else 2.0 * dm.omega
-
-
-@compiled
-def lightest(dm):
-    """Least g_e of a cycle [m s-2]."""
-    if dm.A_2 == 0.0:
-        return dm.g - dm.A_z * dm.omega * dm.omega
-    return dm.g - crest(dm.A_z * dm.omega * dm.omega, 4.0 * dm.A_2 * dm.omega * dm.omega, dm.lag)
-
-
-@compiled
-def speed_bound(dm):
-    """Bound of z_p' [m s-1]."""
-    return (dm.A_z + 2.0 * dm.A_2) * dm.omega
-
-
-@compiled
-def heaviest(dm):
-    """Bound of g_e from above [m s-2]."""
-    return dm.g + (dm.A_z + 4.0 * dm.A_2) * dm.omega**2
-
-
-@compiled
-def jerk_bound(dm):
-    """Bound of the rate of g_e [m s-3]."""
-    return (dm.A_z + 8.0 * dm.A_2) * dm.omega**3
-
-
-@compiled
-def snap_bound(dm):
-    """Bound of the fourth time derivative of z_p [m s-4]."""
-    w2 = dm.omega * dm.omega
-    return (dm.A_z + 16.0 * dm.A_2) * w2 * w2
+    return v + s * sy + c * k, x + (s * k + c * x_minus_sin(y, sy)) / omega
 
 
 # --- the plate under a flight -----------------------------------------------------------------------------------------
@@ -192,23 +226,23 @@ class Sway(NamedTuple):
     omega: float
     s: float  # A_z sin, A_z cos of its phase at that moment
     c: float
-    s_2: float  # A_2 sin, A_2 cos of the phase of its second harmonic
-    c_2: float
 
 
 @compiled(inline=True)
 def sway_from(dm, phase):
-    """The plate from a phase on."""
-    s_2, c_2 = (0.0, 0.0) if dm.A_2 == 0.0 else sincos(2.0 * phase + dm.lag)
+    """The plate from a phase on; `dm` has it of the higher harmonics, until the next one."""
     s, c = sincos(phase)
-    return Sway(dm.omega, dm.A_z * s, dm.A_z * c, dm.A_2 * s_2, dm.A_2 * c_2)
+    if dm.n_z > 1:
+        sway_higher(dm, phase)
+    return Sway(dm.omega, dm.A[0] * s, dm.A[0] * c)
 
 
 @compiled
-def bound_of_acceleration(sway):
-    """Bound of z_p'' [m s-2]."""
-    bound = sway.omega * sway.omega * sqrt(sway.s * sway.s + sway.c * sway.c)
-    return bound + 4.0 * sway.omega * sway.omega * sqrt(sway.s_2 * sway.s_2 + sway.c_2 * sway.c_2)
+def sway_higher(dm, phase):
+    """Fill in A sin, A cos of the higher harmonics' angles at a phase."""
+    for j in range(1, dm.n_z):
+        s, c = sincos((j + 1.0) * phase + dm.lag[j])
+        dm.sway_s[j], dm.sway_c[j] = dm.A[j] * s, dm.A[j] * c
 
 
 @compiled(inline=True)
@@ -236,54 +270,65 @@ def less_harmonic(omega, s, c, angle, over):
 
 
 @compiled
-def less_second_harmonic(sway, angle, over):
-    """A height and its derivatives less those of the plate's second harmonic, an `angle` of the first one after the start."""
+def less_higher_harmonics(dm, angle, over):
+    """A height and its derivatives less those of the plate's higher harmonics, an `angle` of the first one after the start."""
     y, sy, cy = angle
-    twice = 2.0 * y, 2.0 * sy * cy, 1.0 - 2.0 * sy * sy
-    return less_harmonic(2.0 * sway.omega, sway.s_2, sway.c_2, twice, over)
+    s_before, c_before, s, c = 0.0, 1.0, sy, cy
+    for j in range(1, dm.n_z):  # sin (j + 1) y = sin (j - 1) y + 2 sin y cos j y: of a small y with all its digits
+        s_before, c_before, s, c = s, c, s_before + 2.0 * sy * c, c_before - 2.0 * sy * s
+        k = j + 1.0
+        over = less_harmonic(k * dm.omega, dm.sway_s[j], dm.sway_c[j], (k * y, s, c), over)
+    return over
 
 
 @compiled(inline=True)
-def over_plate(sway, t, over):
+def over_plate(dm, sway, t, over):
     """Height over the plate and its first three time derivatives, from those over one that goes on at its first rate."""
     y = sway.omega * t
     sy, cy = sincos(y)
     over = less_harmonic(sway.omega, sway.s, sway.c, (y, sy, cy), over)
-    return over if sway.s_2 == 0.0 and sway.c_2 == 0.0 else less_second_harmonic(sway, (y, sy, cy), over)
-
-
-def phases_later(phi0, phi_2, by):
-    """phi0 and phi_2 of a plate that starts later, by an angle of its phase: numbers, or arrays of one shape [rad]."""
-    return phi0 + by, phi_2 + 2.0 * by
-
-
-_phases_later = compiled(phases_later)
+    return over if dm.n_z == 1 else less_higher_harmonics(dm, (y, sy, cy), over)
 
 
 @compiled
 def start_later(row, by):
-    """Move the phase of the plate at the start on by an angle [rad], in a parameter row in place."""
-    row[ROW_PHI0], row[ROW_PHI_2] = _phases_later(row[ROW_PHI0], row[ROW_PHI_2], by)
+    """Move the phase of the plate at the start on by an angle [rad], in a parameter row in place.
+
+    Its motion along itself counts from that phase, so what `row` has of it stays.
+    """
+    for j in range(HARMONICS):
+        row[ROW_PHI0 + 2 * j] += (j + 1.0) * by
 
 
 # --- for Python -------------------------------------------------------------------------------------------------------
 
 
+def started_at(row, phase):
+    """A parameter row with the plate at `phase` [rad] at the start, in [0, 2 pi)."""
+    later = row.copy()
+    later[ROW_Z + 1 : ROW_X : 2] += np.arange(1, HARMONICS + 1) * (phase - row[ROW_PHI0])
+    later[ROW_PHI0] = phase % TWO_PI
+    return later
+
+
 def motion_along(dm, phase):
     """Place and velocity of the plate along its axes, x, y, x', y', at phases of any shape [m, m s-1]."""
-    angles = phase + dm.lag_x, phase + dm.lag_y
-    places = (G / dm.omega**2 * np.sin(angle) for G, angle in zip((dm.G_x, dm.G_y), angles, strict=True))
-    rates = (G / dm.omega * np.cos(angle) for G, angle in zip((dm.G_x, dm.G_y), angles, strict=True))
-    return *places, *rates
+    squares = (dm.omega * np.arange(1, dm.n_along + 1)) ** 2
+    (x, v_x, _), (y, v_y, _) = (
+        _motion(dm.omega, G[: dm.n_along] / squares, lags, phase)
+        for G, lags in ((dm.G_x, dm.lag_x), (dm.G_y, dm.lag_y))
+    )
+    return x, y, v_x, v_y
 
 
 def motion(dm, phase):
     """z_p, z_p' and z_p'' at phases of any shape [m, m s-1, m s-2]."""
-    omega = dm.omega
-    height, rate = dm.A_z * np.sin(phase), dm.A_z * omega * np.cos(phase)
-    acceleration = -dm.A_z * omega**2 * np.sin(phase)
-    if dm.A_2 == 0.0:
-        return height, rate, acceleration
-    twice = 2.0 * phase + dm.lag
-    height, rate = height + dm.A_2 * np.sin(twice), rate + 2.0 * dm.A_2 * omega * np.cos(twice)
-    return height, rate, acceleration - 4.0 * dm.A_2 * omega**2 * np.sin(twice)
+    return _motion(dm.omega, dm.A[: dm.n_z], dm.lag, phase)
+
+
+def _motion(omega, A, lags, phase):
+    """The sum over k of A_k sin(k phase + lag_k), and its first two time derivatives."""
+    k = np.arange(1, A.size + 1)
+    angles = np.multiply.outer(phase, k) + lags[: A.size]
+    s, c = np.sin(angles), np.cos(angles)
+    return (A * s).sum(axis=-1), (k * A * omega * c).sum(axis=-1), (-k * k * A * omega**2 * s).sum(axis=-1)

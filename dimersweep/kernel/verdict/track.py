@@ -8,10 +8,9 @@ from math import nan, pi
 from typing import Annotated, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.model.body import TWO_PI
 from dimersweep.kernel.model.layout import TRACK
 from dimersweep.kernel.numerics.elementary import atan2, length
-from dimersweep.kernel.numerics.sincos import sincos
+from dimersweep.kernel.numerics.sincos import TWO_PI, sincos
 
 TURNED_BACK = 0.1  # turning of the heading [rad] that counts: less is straight, and a reversal comes back by more
 STANDS = 0.01  # speed of a circle's centre, in that of the dimer, below which it stands

@@ -1,0 +1,129 @@
+"""The map of a cube for a page: what may be shown, the cells of the part that is, and the run behind one of them."""
+
+from functools import partial
+from math import prod
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib import colormaps
+from matplotlib.colors import to_hex
+
+from dimersweep.cubes.cube import check_codes, names
+from dimersweep.cubes.findings import edges_of, is_geometric
+from dimersweep.errors import ParameterError
+from dimersweep.kernel.model.layout import MODES
+from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of, label, with_units
+from dimersweep.plots.view import as_shown
+from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
+from dimersweep.runs.behind import behind
+from dimersweep.runs.run import Run
+from dimersweep.symbols import is_angle, units_shown
+
+MOST_CELLS = 250_000  # of one map: more would make the page slow
+SHADES = np.array([to_hex(color) for color in colormaps["viridis"](np.linspace(0, 1, 256))])
+label_of = partial(label, tex=False)
+
+
+def axes_of(cube: xr.Dataset) -> list[str]:
+    """The parameters that a map of a cube may have along its sides: its axes, or what varies from point to point."""
+    if not isinstance(cube, xr.Dataset) or "mode" not in cube:
+        raise ParameterError(f"explore: {type(cube).__name__} is no cube; give one of sweep, or of open_cube(path)")
+    mode = cube["mode"]
+    check_codes(mode)
+    points = "point" in mode.dims
+    wide = [str(name) for name in mode.dims if mode.sizes[name] > 1 and name != "direction"]  # that has a slider
+    axes = fixed_of(cube)[1] if points else wide
+    if not axes or not mode.size:
+        raise ParameterError("explore: needs a cube over at least one axis of more than one value")
+    if prod([mode.sizes["point"]] if points else [mode.sizes[name] for name in axes[-2:]]) > MOST_CELLS:
+        raise ParameterError(f"explore: a map of more than {MOST_CELLS} cells; give a part of the cube")
+    return axes
+
+
+class CubeMap:
+    """A cube as a page asks for it; one that has no map is refused by a `ParameterError`, as is what a page asks in vain."""
+
+    def __init__(self, cube: xr.Dataset) -> None:
+        self.axes, self.cube, self.mode = axes_of(cube), cube, cube["mode"]
+        self.dims = [str(name) for name in self.mode.dims]
+        self.points = "point" in self.dims
+        self.fixed = [name for name in self.dims if name not in (*self.axes[-2:], "point")]
+        columns = {str(name): each for name, each in cube.data_vars.items() if each.dims == self.mode.dims}
+        self.shown = ["mode", *(name for name, each in columns.items() if each.dtype.kind == "f")]
+
+    def told(self) -> dict[str, Any]:
+        """What a page needs to ask for a part: axes, values of the others, and what may be shown."""
+        values = {name: self.cube[name] for name in self.fixed}
+        words = {
+            name: names(each).values.tolist()
+            if name == "direction"
+            else [as_shown(name, value) for value in each.values]
+            for name, each in values.items()
+        }
+        return {
+            "title": str(self.cube.attrs.get("title", "cube of dimersweep")),
+            "dims": self.dims,
+            "points": self.points,
+            "sides": {name: label_of(name) for name in reversed(self.axes)} if self.points else {},
+            "fixed": {name: {"label": label_of(name), "values": each} for name, each in words.items()},
+            "shown": self.shown,
+        }
+
+    def part(self, asked: dict[str, str]) -> dict[str, Any]:
+        """The cells of the part at places along `fixed` axes: where they lie, their colours, and what is said of each."""
+        shown = _one_of("shown", asked.get("shown", "mode"), self.shown)
+        fixed = {name: _place(name, asked.get(name, "0"), self.mode.sizes[name]) for name in self.fixed}
+        x, y = self.axes[-1], self.axes[-2] if len(self.axes) > 1 else ""
+        if self.points and y:
+            x, y = (_one_of(way, asked.get(way, name), self.axes) for way, name in (("right", x), ("up", y)))
+        dims = ["point"] if self.points else [name for name in (y, x) if name]
+        part = self.cube.isel(fixed).transpose(*dims, ...)
+        values, modes = part[shown].values.ravel(), names(part["mode"]).values.ravel().tolist()
+        told: dict[str, Any] = {"modes": modes, "dims": dims}
+        for way, name in (("x", x), ("y", y)):
+            along = self.cube[name].values if name else np.array([0.5])
+            along = np.rad2deg(along) if name and is_angle(name) else along
+            told[way] = {"name": name, "label": name and label_of(name), "at": along.tolist()}
+            told[way]["log"] = bool(name) and not self.points and is_geometric(along)
+            told[way]["edges"] = [along.min(), along.max()] if self.points else edges_of(along).tolist()
+        if shown == "mode":
+            present = [MODES[code] for code in np.unique(self.mode.values)]
+            told["key"] = [[MODE_COLORS[word], MODE_LABELS[word]] for word in present]
+            told["colors"] = np.array(list(MODE_COLORS.values()))[values].tolist()
+            return told
+        whole = self.cube[shown].values
+        finite = whole[np.isfinite(whole)]
+        low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
+        share = (values - low) / ((high - low) or 1.0)
+        told["colors"] = np.where(
+            np.isfinite(share), SHADES[np.nan_to_num(255 * np.clip(share, 0, 1)).astype(int)], ""
+        ).tolist()
+        told["values"] = [f"{value:.6g}" for value in values]
+        units = units_shown(self.cube[shown].attrs.get("units", "1"))
+        told["bar"] = {"ends": [f"{low:.4g}", f"{high:.4g}"], "label": with_units(shown.replace("_", " "), units)}
+        told["bar"]["shades"] = SHADES[::51].tolist()
+        return told
+
+    def run(self, at: str) -> tuple[Run, dict[str, Any]]:
+        """The run behind a point, given by its places along the dimensions of the cube, and how to make it again."""
+        places = at.split(",")
+        if len(places) != len(self.dims):
+            raise ParameterError(f"at = {at}: must have a place along each of {', '.join(self.dims)}")
+        where = {name: _place(name, at, self.mode.sizes[name]) for name, at in zip(self.dims, places, strict=True)}
+        point = self.cube.isel(where)
+        run, how = point.dimersweep.run(), behind(point).how
+        periods = max(how.periods, run.n_periods)
+        return run, {"periods": periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
+
+
+def _one_of(name: str, word: str, words: list[str]) -> str:
+    if word not in words:
+        raise ParameterError(f"{name} = {word}: must be one of {', '.join(words)}")
+    return word
+
+
+def _place(name: str, text: str, n: int) -> int:
+    if not (text.isdecimal() and int(text) < n):
+        raise ParameterError(f"{name} = {text}: must be a place from 0 to {n - 1}")
+    return int(text)

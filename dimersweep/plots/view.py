@@ -1,0 +1,123 @@
+"""A run to look at: what a page is told of it, and a page of HTML that plays it in a browser without a network."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from html import escape
+from math import degrees
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dimersweep.cubes.seen_run import SeenRun
+from dimersweep.inputs import check_count, number
+from dimersweep.parameters import reduced
+from dimersweep.plots.playback import BALLS, MARKS, MOST_FRAMES, ROD, Playback, frames, playback_of
+from dimersweep.plots.style import MODE_COLORS
+from dimersweep.plots.tables import repeats_in, run_rows
+from dimersweep.symbols import BASE, LEFT_OUT, MODE_MEANINGS, START, is_angle
+
+FRAMES_A_PERIOD = 100  # at most: curves are drawn through them
+TRACK_POINTS = 400  # of a whole run
+SHOWN_DIGITS = 4  # of the radius of a ball, and as many places in all coordinates
+USUAL_SPEED = 0.1  # seconds of the run in a second of the page
+PAGE = Path(__file__).with_name("view.html")
+IFRAME = '<iframe title="dimersweep" style="width: 100%; height: 720px; border: 0" {}></iframe>'
+
+
+@dataclass(frozen=True, repr=False)
+class View:
+    """A page of HTML, which needs nothing else, and shows itself in a notebook."""
+
+    html: str
+
+    def _repr_html_(self) -> str:
+        return IFRAME.format(f'srcdoc="{escape(self.html)}"')
+
+
+def stretch_of(run: SeenRun, periods: int, *, last: bool) -> Playback:
+    """The stretch of a run that a page shows, in as many frames as its curves need."""
+    pace = min(FRAMES_A_PERIOD, MOST_FRAMES // check_count("periods", periods)) * run.parameters["f"]
+    return playback_of(run, periods, 1.0, max(1, int(pace)), last=last)
+
+
+def seen(run: SeenRun, playback: Playback, settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """What a page is told of a run: its verdict, its numbers, how it is made again with `settings`, what is drawn [mm]."""
+    shown = frames(run, playback)
+    (first, second), centre = shown.balls[0], shown.centre[0]
+    digits = SHOWN_DIGITS - int(np.ceil(np.log10(shown.radii.min())))
+    track = run.states(np.linspace(0, run.duration, TRACK_POINTS))
+    settings = {"periods": run.n_periods} if settings is None else settings
+    return {
+        "mode": run.mode + repeats_in(run),
+        "color": MODE_COLORS[run.mode],
+        "says": MODE_MEANINGS[run.mode].replace("`", "") + ("" if run.status == "ok" else f" ({run.message})"),
+        "conditions": run.conditions(),
+        "numbers": run_rows(run)[1:],  # without the parameters, which are told
+        "given": {name: as_shown(name, value) for name, value in changed(run).items()},
+        "copy": written(run, settings),
+        "f": run.parameters["f"],
+        "radii": shown.radii.tolist(),
+        "rod": 1e3 * run.parameters["D_r"],
+        "share": float(np.linalg.norm(centre - first) / np.linalg.norm(second - first)),  # where the centre of mass is
+        "room": shown.room.as_matrix().tolist(),
+        "pace": playback.fps / playback.speed,
+        "cycles": np.round(shown.cycles, 4).tolist(),
+        "balls": np.round(shown.balls, digits).reshape(-1, 6).tolist(),
+        "mark": np.round(shown.mark, 3).tolist(),
+        "plate": np.round(shown.plate, digits).tolist(),
+        "away": np.round(shown.away, digits).tolist(),
+        "track": np.round(np.column_stack([1e3 * track[axis] for axis in "xy"]), digits).tolist(),
+    }
+
+
+def changed(run: SeenRun) -> dict[str, float]:
+    """The parameters of a run that are not those of the base case."""
+    usual = LEFT_OUT | BASE
+    return {name: value for name, value in reduced(run.parameters).items() if value != usual.get(name)}
+
+
+def as_shown(name: str, value: float) -> str:
+    """A value of a parameter in the unit that it is shown in, without that."""
+    return f"{degrees(value) if is_angle(name) else value:.12g}"
+
+
+def written(run: SeenRun, settings: Mapping[str, Any]) -> dict[str, str]:
+    """How a run is made again, in Python, and from its parameters as a command and as a sweep file of one point, too."""
+    values: dict[str, Any] = {name: _exact(name, value) for name, value in changed(run).items()}
+    begun = getattr(run, "start", None)
+    if begun is not None:
+        values = {"start": begun} | {name: value for name, value in values.items() if name not in START}
+    python = f"dimersweep.simulate({', '.join(f'{name}={value!r}' for name, value in {**values, **settings}.items())})"
+    if begun is not None:
+        return {"Python": python}
+    options = values | {name: settings[name] for name in ("periods", "rtol") if name in settings}
+    command = "".join(f" --{name} {str(value).replace(' ', '')}" for name, value in options.items())
+    sweep = {"title": "one point", **settings, "output": "point.nc"}
+    grid = {"Gamma": [values.pop("Gamma", BASE["Gamma"])]}
+    sections = {"sweep": sweep, "grid": grid, "fixed": values}
+    lines = [
+        f"[{name}]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in section.items())
+        for name, section in sections.items()
+    ]
+    return {"Python": python, "command": f"dimersweep simulate{command}", "TOML": "\n".join(lines)}
+
+
+def _exact(name: str, value: float) -> float | str:
+    """A value that is read as this very number: an angle in degrees, where it can be."""
+    text = f"{as_shown(name, value)} deg" if is_angle(name) else ""
+    return text if text and number(name, text) == value else value
+
+
+def filled(told: Mapping[str, Any], title: str, beside: str = "") -> str:
+    """The page, with what it is told and what stands beside its pictures; nothing in the former is markup."""
+    look = {"balls": BALLS, "rod": ROD, "marks": MARKS}
+    data = json.dumps({"look": look, **told}, allow_nan=False).replace("<", "\\u003c")
+    page = PAGE.read_text(encoding="utf-8").replace("<!-- beside -->", beside)
+    return page.replace("<!-- title -->", escape(title)).replace('"told"', data)
+
+
+def page_of(run: SeenRun, playback: Playback, speed: float | None = None) -> str:
+    """A page of one run, with no need of a network or a program; it plays at `speed`, by default that of the playback."""
+    return filled({"run": seen(run, playback), "speed": playback.speed if speed is None else speed}, run.conditions())

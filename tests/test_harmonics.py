@@ -1,0 +1,209 @@
+"""The plate as a sum of harmonics: runs of it, what is given in its place, and waveforms from records of accelerations."""
+
+import json
+from math import pi
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from dimersweep import ParameterError, Parameters, make, read_declaration, simulate, sweep
+from dimersweep.cli import app
+from dimersweep.fits import Waveform
+from dimersweep.kernel.model.layout import WAVES
+from tests import oracle
+from tests.checks.random_scenes import faults, parameters_of, scene_row
+from tests.checks.scenes import difference, engine_states, sample_times, sawtooth_scene
+
+jit = pytest.mark.jit
+SHAKER = {"z": {1: (0.9, 0.3), 2: (0.027, 1.0), 3: (0.009, 2.0)}, "x": {1: (0.01, 0.4), 2: (0.002, 5.0)}}
+SHORT = {"Gamma": 0.9, "phi0": 0.3, "Gamma_2": 0.027, "phi_2": 1.0, "Gamma_3": 0.009, "phi_3": 2.0}
+SHORT |= {"Gamma_x": 0.01, "phi_x": 0.4, "Gamma_x_2": 0.002, "phi_x_2": 5.0}
+
+
+def same_states(one, other):
+    xr.testing.assert_identical(
+        one.states(np.linspace(0, one.duration, 50)), other.states(np.linspace(0, other.duration, 50))
+    )
+
+
+@jit
+def test_a_run_of_harmonics_is_that_of_their_short_forms_to_the_last_bit():
+    same_states(simulate(harmonics={"z": {1: (0.9, 0.0)}}, periods=20), simulate(Gamma=0.9, periods=20))
+    same_states(simulate(harmonics=SHAKER, periods=20), simulate(**SHORT, periods=20))
+
+
+@jit
+@pytest.mark.parametrize("seed", range(6))
+def test_a_saw_tooth_against_the_slow_oracle(seed):
+    scene = sawtooth_scene(seed)
+    times = sample_times(scene, periods=1)
+    expected = oracle.simulate(scene, times, rtol=1e-9, v_rest=1e-8)
+    assert expected["status"] == "done"
+    states, _ = engine_states(scene, times, 1e-10)
+    assert difference(states, expected["samples"][:, 1:]) < 1e-6
+
+
+@jit
+@pytest.mark.parametrize("k", range(0, 4000, 100))
+def test_random_plates_leave_no_end_below_them_and_give_no_energy(k):
+    """One in a hundred of those that ``benchmarks/evidence/stress.py 4000 --domain harmonics`` examines."""
+    assert not faults(parameters_of(scene_row(k, 1, "harmonics")), 10, 1e-8)
+
+
+@jit
+def test_a_run_goes_on_from_a_state_on_the_same_plate():
+    """The phases of all harmonics go on with it; those along the plate count from the one along the normal."""
+    whole = simulate(harmonics=SHAKER, periods=6, rtol=1e-11)
+    t = 2.37 / 15
+    later = simulate(start=whole.states(t), periods=3, rtol=1e-11)
+    times = np.linspace(0, 2 / 15, 9)
+    for name in ("x", "y", "gap_1", "gap_2", "theta"):
+        np.testing.assert_allclose(later.states(times)[name], whole.states(t + times)[name], atol=1e-8)
+
+
+@jit
+def test_energy_closes_on_a_plate_of_many_harmonics():
+    scene = sawtooth_scene(4)
+    assert simulate(**scene, periods=4, rtol=1e-10).energy().closure < 1e-8
+
+
+# --- files, cubes and the command line --------------------------------------------------------------------------------
+
+
+@jit
+def test_a_waveform_goes_through_files_sweeps_and_the_command_line(tmp_path):
+    waveform = Waveform(15.01, SHAKER)
+    waveform.save(tmp_path / "plate.toml")
+    loaded = Waveform.load(tmp_path / "plate.toml")
+    assert loaded.harmonics == {"f": 15.01, **SHAKER}
+    expected = simulate(**SHORT, f=15.01, periods=5)
+    same_states(simulate(harmonics=loaded, periods=5), expected)
+    same_states(simulate(harmonics=tmp_path / "plate.toml", periods=5), expected)
+    cube = sweep({"beta0": [0.2, 0.28]}, {"harmonics": str(tmp_path / "plate.toml")}, periods=5, progress=False)
+    assert {name: cube[name].item() for name in SHORT} == SHORT and cube["f"] == 15.01
+    assert simulate(start=cube.isel(beta0=1)).parameters == simulate(**SHORT, f=15.01, beta0=0.28).parameters
+    (tmp_path / "scan.toml").write_text(
+        f'[sweep]\nperiods = 5\noutput = "scan.nc"\n[grid]\nbeta0 = [0.2, 0.28]\n[fixed]\nharmonics = "{tmp_path}/plate.toml"\n'
+    )
+    made = make(read_declaration(tmp_path / "scan.toml"), out=tmp_path / "scan.nc", progress=False)
+    assert made.drop_attrs().drop_vars("kernel").equals(cube.drop_attrs().drop_vars("kernel"))
+    told = CliRunner().invoke(
+        app, ["simulate", "--periods", "5", "--json", "--harmonics", str(tmp_path / "plate.toml")]
+    )
+    assert told.exit_code == 0, told.output
+    parameters = json.loads(told.stdout[told.stdout.index("{") :])["parameters"]
+    assert parameters.items() >= SHORT.items() and parameters["f"] == 15.01
+
+
+def test_harmonics_of_a_file_are_written_by_hand_too(tmp_path):
+    path = tmp_path / "by_hand.toml"
+    path.write_text('[z]\n1 = [0.9, 0]\n2 = [0.03, "90 deg"]\n')
+    assert Parameters(harmonics=path) == Parameters(Gamma=0.9, Gamma_2=0.03, phi_2=pi / 2)
+    path.write_text("z = 3")
+    with pytest.raises(ParameterError, match=r"^harmonics.z = 3: must be orders and \(intensity, phase\)$"):
+        Parameters(harmonics=path)
+
+
+def test_what_a_cube_holds_of_harmonics_that_no_point_has():
+    """Nothing: they are not among its coordinates."""
+    cube = sweep({"beta0": [0.2]}, periods=1, progress=False)
+    higher = {name for wave in WAVES for harmonic in wave for name in harmonic} - {*SHORT, "Gamma_y", "phi_y"} | {
+        "Gamma_3"
+    }
+    assert not higher & {*cube.coords}
+
+
+# --- waveforms of records ---------------------------------------------------------------------------------------------
+
+
+def record(f, waves, seconds=10.0, rate=20e3, noise=0.01, seed=0):
+    """Times and accelerations along the axes of `waves` [m s-2], of a plate that lies still under gravity."""
+    rng, t = np.random.default_rng(seed), np.arange(round(seconds * rate)) / rate
+    angles = 2 * pi * f * t
+    columns = [
+        -9.81 * sum(size * np.sin(k * angles + phase) for k, (size, phase) in wave.items()) for wave in waves.values()
+    ]
+    noises = [noise * 9.81 * next(iter(wave.values()))[0] * rng.normal(size=t.size) for wave in waves.values()]
+    return t, np.array(columns).T + np.array(noises).T + 9.81
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_amplitudes_phases_and_frequency_of_a_record_are_within_their_errors(seed):
+    """A sine with 3 % of the second and 1 % of the third harmonic, noise of 1 %, 20 kHz, 10 s, the clock 0.1 % off."""
+    phases = np.random.default_rng([seed, 1]).uniform(0, 2 * pi, 3)
+    sizes = 0.9 * np.array([1.0, 0.03, 0.01])
+    f = 15 * 1.001
+    t, a = record(f, {"z": dict(enumerate(zip(sizes, phases, strict=True), start=1))}, seed=seed)
+    found = Waveform.fit(t, a[:, 0])
+    assert found.f == pytest.approx(f, rel=1e-6)
+    assert abs(found.f - f) < 3 * found.errors["f"]
+    assert list(found.waves["z"]) == [1, 2, 3]
+    for k, (size, phase) in found.waves["z"].items():
+        error, phase_error = found.errors["z"][k]
+        assert abs(size - sizes[k - 1]) < 3 * error
+        off = phase - (phases[k - 1] - k * phases[0])
+        assert abs((off + pi) % (2 * pi) - pi) <= 3 * phase_error
+    assert found.rest["z"] == pytest.approx(0.009, rel=0.01)
+
+
+def test_a_record_of_three_axes_in_a_table_of_named_columns():
+    """A line that is no harmonic is told as not periodic, and the phases along the plate count from the one along z."""
+    t, a = record(15.0, SHAKER, rate=2e3, noise=1e-4)
+    a[:, 0] += 0.05 * np.sin(2 * pi * 50.3 * t)
+    table = {"time": t, "up": a[:, 0], "along": a[:, 1]}
+    found = Waveform.fit("time", table, axes={"x": "along", "z": "up"})
+    for axis, wave in SHAKER.items():
+        for k, (size, phase) in wave.items():
+            shift = k * 0.3 if axis == "z" else 0.0  # SHORT's phases along x count from that along z
+            assert found.waves[axis][k][0] == pytest.approx(size, abs=5e-5), (axis, k)
+            expected = phase - shift if axis == "z" else phase - k * 0.3
+            assert abs((found.waves[axis][k][1] - expected + pi) % (2 * pi) - pi) < 0.03, (axis, k)
+    assert found.rest["z"] == pytest.approx(0.05 / 9.81 / 2**0.5, rel=0.02)
+    frequencies, densities = found.spectrum
+    assert frequencies[densities[1, 0].argmax()] == pytest.approx(50.3, abs=0.1)
+    assert Waveform.fit(t, a[:, 0], 15.0).f == 15.0
+
+
+def test_the_plate_of_a_waveform_moves_as_the_record():
+    """From the record on to the plate of a run: the same accelerations, but for a shift in time."""
+    t, a = record(15.0, SHAKER, rate=2e3, noise=0.0)
+    found = Waveform.fit(t, a, axes=("z", "x"))
+    shift = 0.3 / (2 * pi)  # cycles from the start of the record to the start of the waveform
+    cycles = 15.0 * t[:200]
+    for k, axis in enumerate("zx"):
+        np.testing.assert_allclose(found.acceleration(cycles + shift, axis), (a[:200, k] - 9.81) / 9.81, atol=1e-6)
+
+
+def wrong(**how):
+    t, a = record(**({"f": 15.0, "waves": {"z": {1: (0.9, 0.0)}}, "rate": 2e3} | how))
+    return t, a[:, 0]
+
+
+@pytest.mark.parametrize(
+    ("t", "a", "f", "told"),
+    [
+        (*wrong(seconds=1.0), None, r"t: the record holds 15 periods; must be at least 20"),
+        (*wrong(rate=60.0), None, r"t: 4 samples a period; must be at least 5"),
+        (*wrong(), 20.0, r"f = 20: that of the record is 15\.\d+ Hz; leave f out to take it"),
+        (*wrong(f=15.05), 15.0, r"f = 15: that of the record is 15\.\d+ Hz; leave f out to take it"),
+    ],
+)
+def test_a_record_that_does_not_do_is_told(t, a, f, told):
+    with pytest.raises(ParameterError, match=f"^{told}$"):
+        Waveform.fit(t, a, f)
+
+
+def test_a_record_with_a_gap_is_told():
+    t, a = wrong()
+    keep = np.ones(t.size, bool)
+    keep[5000:5010] = False
+    with pytest.raises(
+        ParameterError, match=r"^t = 2\.505 after 2\.4995: the record has a gap there; give one without$"
+    ):
+        Waveform.fit(t[keep], a[keep])
+    with pytest.raises(ParameterError, match=r"^a \(z\) = nan: must be finite$"):
+        Waveform.fit(t, np.where(t == t[3], np.nan, a))
+    with pytest.raises(ParameterError, match=r"^axes = \['x'\]: must be one of z, x, y for each column, z among them$"):
+        Waveform.fit(t, a, axes=("x",))
