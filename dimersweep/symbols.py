@@ -245,6 +245,7 @@ QUANTITIES = {
     "sustained_time": Quantity(
         "s", "time in which what is off that spin falls by a factor of e, or once round a cycle"
     ),
+    "observer_error": Quantity("1", "why an observer of one's own gave nothing at this point"),
     # of a search
     "answer": Quantity("1", "answer to the question of the search"),
     "region": Quantity("1", "mode asked for where the answer is yes, else the one mode of all runs"),

@@ -9,8 +9,8 @@ from IPython.display import Markdown
 
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.cubes.grid import MAX_POINTS
-from dimersweep.cubes.results import RESULT
-from dimersweep.kernel.model.layout import HARMONICS, STATUS_MESSAGES, STATUSES
+from dimersweep.cubes.results import POINT_MESSAGES, POINT_STATUSES, RESULT
+from dimersweep.kernel.model.layout import HARMONICS
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.orbit import COLUMNS, MULTIPLIERS, TEXTS
 from dimersweep.parameters import RULES
@@ -40,7 +40,7 @@ WORDS = {
     "mode": MODE_MEANINGS,
     "outcome": MODE_MEANINGS,
     "region": MODE_MEANINGS | {"mixed": "the runs led to several modes, and none of them is the one asked for"},
-    "status": dict(zip(STATUSES, STATUS_MESSAGES, strict=True)),
+    "status": dict(zip(POINT_STATUSES, POINT_MESSAGES, strict=True)),
     "di_end": {
         "none": "there was no double impact, or the mode is not drift",
         "sp_sp": "both ends slip",
