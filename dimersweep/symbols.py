@@ -371,4 +371,5 @@ Picture = Literal[
     "shares",
     "planar",
     "bifurcation",
+    "circles",
 ]
