@@ -232,6 +232,7 @@ def presets() -> Markdown:
         marks = {declared.get("search", {}).get("over"): " (searched)"}
         if declared["sweep"].get("carry"):
             marks[list(declared["grid"])[-1]] = " (the state is carried along it)"
-        axes = ", ".join(f"`{axis}`{marks.get(axis, '')}" for axis in declared["grid"])
+        varied = declared.get("grid") or declared["points"]["columns"]
+        axes = ", ".join(f"`{axis}`{marks.get(axis, '')}" for axis in varied)
         rows.append((f"`{name}`", declared["sweep"]["title"], axes))
     return _table(("name", "what it holds", "axes"), rows)
