@@ -132,7 +132,7 @@ def plan(
         typer.echo(line)
 
 
-def status(out: Annotated[Path, argument("CUBE", "Cube to be, as the sweep was given it.")]) -> None:
+def status(out: Annotated[Path, argument("CUBE", "Path of the cube that the sweep writes, finished or not.")]) -> None:
     """Print how far the sweep for a cube has come, and whether a process is at work on it."""
     from dimersweep.studies.status import status
 

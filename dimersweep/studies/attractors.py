@@ -107,8 +107,8 @@ def attractors(
     periods, max_periods, rtol
         Of the runs, as in `sweep`; a run stops when its motion has settled.
     mirror : bool
-        Whether mirror images count as one motion: in the vertical plane of the axis and, of ends that are alike, with the
-        ends in each other's place.
+        Whether mirror images count as one motion: in the vertical plane of the axis and, where both ends are
+        alike, with the ends swapped.
     level : float
         Confidence of the intervals, in (0, 1).
     confirm : int
