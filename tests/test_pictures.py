@@ -21,9 +21,9 @@ from tests.checks.cubes import built, cube_of
 
 pytestmark = pytest.mark.filterwarnings("error")
 D, R, J = M_DRIFT, M_REST, M_JUMP
-COLORS = {"drift": "#0072b2", "rest": "#999999", "jump": "#e69f00", "flutter": "#009e73", "failed": "#000000"}
+COLORS = {"drift": "#0072b2", "rest": "#999999", "jump": "#e69f00", "flutter": "#139059", "failed": "#000000"}
 RED, BLUE, BLACK = "#d62728", "#1f4fd8", "#000000"  # of p1; of the first row
-ENDS = {"none": "#ffffff", "sp_sp": "#0072b2", "sp_sk": "#e69f00", "sk_sp": "#cc79a7", "sk_sk": "#009e73"}
+ENDS = {"none": "#ffffff", "sp_sp": "#0072b2", "sp_sk": "#e69f00", "sk_sp": "#dd99cc", "sk_sk": "#009e73"}
 
 
 def with_paths(cube, per_period=4):
@@ -172,16 +172,14 @@ def test_regions_are_in_their_places():
     figure = drawn(draw(cube, "regions"))
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("$e$", r"$\Gamma$")
-    pale = {"drift": "#ffffff"} | {
-        word: to_hex(0.6 * np.array(to_rgb(COLORS[word])) + 0.4) for word in ("rest", "jump")
-    }
+    shown = {"drift": "#ffffff", "rest": to_hex(0.6 * np.array(to_rgb(COLORS["rest"])) + 0.4), "jump": COLORS["jump"]}
     hatched = {}
     for each in axes.collections:
         if isinstance(each, QuadContourSet) and each.filled:
             hatched[each.hatches[0]] = each.get_paths()[0]
     for i, e in enumerate([0.4, 0.5, 0.7]):
         for j, Gamma in enumerate([0.8, 0.9, 1.1]):
-            assert color_at(axes, e, Gamma) == pale[MODES[modes[i, j]]]
+            assert color_at(axes, e, Gamma) == shown[MODES[modes[i, j]]]
             assert hatched["|||"].contains_point((e, Gamma)) == (modes[i, j] == D)
             assert hatched["///"].contains_point((e, Gamma)) == (modes[i, j] == R)
     lines = [each for each in axes.collections if isinstance(each, QuadContourSet) and not each.filled]
@@ -289,7 +287,7 @@ def test_the_least_period_is_marked_where_it_is():
     assert {left.get_xlabel(), right.get_xlabel()} == {r"$\dot{x}_1(0)$ [m/s]"}
     cube["period"][1, 8] = np.nan  # at the bottom: not located, and not marked
     left, right = draw(cube, "minimum").axes
-    assert left.get_legend().get_texts()[-1].get_text() == "$A_r$ = 6: no minimum located"
+    assert left.figure.legends[0].get_texts()[-1].get_text() == "$A_r$ = 6: no minimum located"
     assert len(right.lines) == 4  # two curves, the place of one minimum, pi/2
 
 
@@ -303,13 +301,13 @@ def test_the_ends_of_impacts_lie_at_mu_and_mu_s():
     (axes,) = figure.axes
     for i, mu in enumerate((0.1, 0.3)):
         for j, mu_s in enumerate((0.4, 0.5, 0.7)):
-            color = "#d9d9d9" if modes[0, i, j] == M_NOT_RUN else ENDS[ends[0, i, j]]
+            color = "#bdbdbd" if modes[0, i, j] == M_NOT_RUN else ENDS[ends[0, i, j]]
             assert color_at(axes, mu, mu_s) == color
     assert (axes.get_xlabel(), axes.get_ylabel()) == (r"$\mu$", r"$\mu_s$")
     np.testing.assert_allclose(axes.lines[0].get_xdata(), 0.19958, atol=1e-5)
     words = {"none": "no drift found"}
     assert legend_of(figure) == {words.get(end, end): color for end, color in ENDS.items()} | {
-        r"$\mu_s < \mu$: not run": "#d9d9d9"
+        r"$\mu_s < \mu$: not run": "#bdbdbd"
     }
     two = cube_of(np.full((2, 2, 2), D), {"A_r": [5, 7], "mu": [0.1, 0.2], "mu_s": [0.3, 0.4]})
     titles = [axes.get_title() for axes in draw(two, "impact_ends").axes]
@@ -385,7 +383,8 @@ def test_bars_are_the_shares_of_attractors_with_their_bounds(share, over):
     ]
     bars = axes.containers[-1].patches if hasattr(axes.containers[-1], "patches") else axes.patches
     np.testing.assert_allclose([bar.get_height() for bar in bars], [20, 50, 30])
-    assert to_hex(bars[0].get_facecolor()) == COLORS["rest"] and len({bar.get_facecolor() for bar in bars}) == 3
+    looks = [(to_hex(bar.get_facecolor()), bar.get_hatch()) for bar in bars]
+    assert looks == [(COLORS["rest"], ""), (COLORS["drift"], ""), (COLORS["drift"], "//")]
     spans = [np.array(segment)[:, 1] for each in axes.collections for segment in each.get_segments()]
     np.testing.assert_allclose(spans, [[15, 30], [45, 60], [25, 40]])
     assert axes.get_ylabel() == "share of the starts [%]"
@@ -450,7 +449,7 @@ def test_branches_are_solid_where_they_are_stable_and_marked_where_they_change()
         }
         np.testing.assert_array_equal(marks["s"], points[[2]])
         np.testing.assert_array_equal(marks["D"], points[[7]])
-    texts, handles = figure.axes[0].get_legend().get_texts(), figure.axes[0].get_legend().legend_handles
+    texts, handles = figure.legends[0].get_texts(), figure.legends[0].legend_handles
     told = {text.get_text(): handle for text, handle in zip(texts, handles, strict=True)}
     assert (told["stable"].get_linestyle(), told["unstable"].get_linestyle()) == ("-", "--")
     assert (told["fold"].get_marker(), told["flip"].get_marker()) == ("s", "D")
@@ -494,8 +493,8 @@ def test_curves_of_borders_are_drawn_over_their_last_axis_in_the_style_of_the_ot
     for path in shades:
         assert [path.contains_point((0.6, Gamma)) for Gamma in (1.0, 1.2, 2.5, 2.7)] == [False, True, True, False]
     assert len(shades) == 2
-    assert color_at(axes, 0.5, 1.1) == "#c6dbef" and color_at(axes, 0.6, 0.9) == "#c6dbef"
-    texts = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert color_at(axes, 0.5, 1.1) == COLORS["drift"] == color_at(axes, 0.6, 0.9)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert {"$A_r$ = 5", "$A_r$ = 6", "fold", "double_impact", "ball, closed form"} <= set(texts)
 
 
