@@ -350,4 +350,5 @@ Picture = Literal[
     "shares",
     "planar",
     "bifurcation",
+    "circles",
 ]

@@ -17,7 +17,7 @@ import pytest
 import dimersweep
 from dimersweep import cli
 from dimersweep.cli.options import in_lines
-from dimersweep.kernel.model.layout import ORBIT_COLUMNS, ROW_BETA0, RUN_COLUMNS
+from dimersweep.kernel.model.layout import ORBIT_COLUMNS, ROW, ROW_BETA0, RUN_COLUMNS
 from dimersweep.plots.movie import MOVIES
 from dimersweep.plots.style import PICTURES
 from dimersweep.storage.outputs import CUBES, TABLES
@@ -130,7 +130,7 @@ def test_simulate_takes_the_distance_of_the_balls(call):
     told = json.loads(call("simulate", "--l", "0.05", "--beta0", "16 degrees", "--periods", "1", "--json")[0])
     assert told["parameters"]["A_r"] == 6
     words = " ".join(call("simulate", "--help")[0].replace("│", " ").split())
-    assert "--l NUMBER distance between the centres of the balls, in place of A_r (m)" in words
+    assert "--l NUMBER distance between the centres of the balls, in place of A_r (m, or 2mm)" in words
 
 
 def test_simulate_takes_values_of_single_ends(call, refused):
@@ -643,7 +643,7 @@ def test_all_mistakes_of_a_file_are_told_at_once(refused):
         "  sweep.output = fig07.csv: a cube must end in .nc or .zarr",
         "  sweep.perods: unknown key; did you mean periods?",
         "  plot.kind = 'pie': must be 'segments', 'mode_map', 'regions', 'paths', 'walks', 'trends', 'minimum', 'impact_ends', "
-        "'shares', 'planar' or 'bifurcation'",
+        "'shares', 'planar', 'bifurcation' or 'circles'",
         "  f = '15 rpm': the unit must be Hz",
         "  mu = -1.0: must be >= 0",
         "  Gama: unknown parameter; did you mean Gamma?",
@@ -689,7 +689,7 @@ def test_a_shell_completes_commands(monkeypatch):
 
 
 def test_fail_fast_names_the_point_and_keeps_the_rest(call, done, monkeypatch):
-    use_kernel(monkeypatch, failing(lambda rows: rows[:, 3] == 20))
+    use_kernel(monkeypatch, failing(lambda rows: rows[:, ROW.index("f")] == 20))
     _, err, code = call("run", "small.toml", "--fail-fast", "--workers", "1")
     assert code == 2
     assert err.splitlines()[-1].startswith("dimersweep: error: point 44 (f = 20.0, beta0 = 0.0349")

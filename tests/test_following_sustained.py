@@ -10,6 +10,10 @@ DIMER = {"A_r": 5.0, "f": 22.0, "e": 0.65, "mu": 0.1, "mu_s": 0.15, "Gamma": 0.9
 CHOSEN = {"r": 4.7e-3, "A_r": 6.82, "f": 14.27, "e": 0.626, "mu": 0.111, "mu_s": 0.133, "Gamma": 0.866}
 
 
+# two sustained spins of stable orbits, and a third one that grows out of a plane
+THREE = {"r": 6.46e-3, "A_r": 7.339, "f": 19.49, "e": 0.563, "mu": 0.18, "mu_s": 0.35}
+
+
 def of(parameters, **others):
     return {name: value for name, value in (parameters | others).items() if value is not None}
 
@@ -47,6 +51,56 @@ def test_the_spin_of_a_plane_gives_way_to_one_on_either_side():
     told = [orbits.sustained(spin=(-60.0, 60.0), **of(DIMER, e=0.6, Gamma=fold + by)) for by in (-1e-2, -4e-2, 1e-2)]
     assert [one["attracts"].values.tolist() for one in told] == [[True, False, True], [True, False, True], [True]]
     assert float(told[1]["spin"][2] / told[0]["spin"][2]) == pytest.approx(2, rel=0.05)
+
+
+def drift(spin, Gamma, dimer):
+    return orbits.find(spin=spin, Gamma=Gamma, **dimer).spin_drift / spin
+
+
+@pytest.mark.parametrize(
+    ("dimer", "begin", "Gamma", "spins"),
+    [
+        (THREE, 36.05, 1.3195, np.linspace(32, 35, 7)),
+        (of(DIMER, e=0.6, Gamma=None), 24.0, 0.9, np.geomspace(0.5, 2.5, 9)),
+    ],
+)
+def test_two_spins_of_stable_orbits_meet_at_a_fold(dimer, begin, Gamma, spins):
+    branch = orbits.follow(orbits.find(spin=begin, Gamma=Gamma, **dimer), "Gamma", to=1.33, sustained=True)
+    assert branch["stable"].all()
+    fold = branch.isel(point=int(np.flatnonzero(branch["special"] == "fold")[0]))
+    assert float(fold["slow_multiplier"]) == pytest.approx(1, abs=1e-10)
+    # the drift over the spin touches zero there: above it has spins of both signs, beyond it falls at all
+    before, beyond = ([drift(spin, float(fold["Gamma"]) + by, dimer) for spin in spins] for by in (-2e-5, 2e-5))
+    assert max(before) > 0 > before[0] and before[-1] < 0
+    assert max(beyond) < 0
+
+
+def test_where_a_spin_falls_to_zero_is_where_a_plane_begins_to_attract():
+    spin, plane = (
+        orbits.follow(orbits.find(spin=begin, Gamma=Gamma, **THREE), "Gamma", to=1.32, sustained=True)
+        for begin, Gamma in ((9.0, 1.312), (0.0, 1.3))
+    )
+    forks = [float(branch["Gamma"].values[branch["special"] == "pitchfork"].item()) for branch in (spin, plane)]
+    assert spin["special"][-1] == "pitchfork" and spin.attrs["end"].startswith("plane")
+    assert forks[0] == pytest.approx(forks[1], abs=1e-8)
+    assert drift(0.3, forks[0] - 1e-5, THREE) > 0 > drift(0.3, forks[0] + 1e-5, THREE)
+    start, fixed = orbits.find(spin=9.0, Gamma=1.312, **THREE), of(THREE, e=None)
+    end = orbits.border("stable_to", "Gamma", over={"e": [0.563]}, start=start, sustained=True, **fixed)
+    assert (end["ends_by"].item(), float(end["Gamma"][0])) == ("pitchfork", pytest.approx(forks[0], abs=1e-8))
+
+
+def test_pitchforks_are_a_border_where_the_drift_is_smooth():
+    start = orbits.find(spin=0.0, Gamma=1.3, **THREE)
+    border = orbits.border("pitchfork", "Gamma", over={"e": [0.563, 0.565]}, start=start, **of(THREE, e=None))
+    there = float(border["Gamma"][1])
+    assert drift(0.3, there - 1e-5, of(THREE, e=0.565)) > 0 > drift(0.3, there + 1e-5, of(THREE, e=0.565))
+    with pytest.raises(OrbitError, match="slips through the turn of its slip"):
+        orbits.border("pitchfork", "Gamma", over={"e": [0.6]}, **of(DIMER, e=None, Gamma=None))
+
+
+def test_a_border_that_is_not_met_is_told_after_one_branch():
+    with pytest.raises(OrbitError, match="no hop"):
+        orbits.border("hop", "Gamma", over={"e": [0.65]}, spin=86.0, sustained=True, **of(DIMER, e=None, Gamma=None))
 
 
 def test_a_spin_leaves_where_its_family_ends_or_its_drift_leaps():

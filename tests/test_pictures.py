@@ -291,6 +291,30 @@ def test_the_least_period_is_marked_where_it_is():
     assert len(right.lines) == 4  # two curves, the place of one minimum, pi/2
 
 
+def with_circles(cube):
+    """A cube of two axes with a circle in its first row, a plane, and a point without a spin that attracts."""
+    values = {
+        "spin": [[90.0, 80.0], [0.0, np.nan]],
+        "radius": [[6.4, 6.2], [np.inf, np.nan]],
+        "time": [[60.0, 600.0], [50.0, np.nan]],
+    }
+    return cube.assign({f"sustained_{name}": (cube["mode"].dims, column) for name, column in values.items()})
+
+
+def test_chosen_circles_have_their_colours_and_others_are_grey():
+    cube = with_circles(cube_of([[D, D], [D, R]], {"e": [0.6, 0.65], "Gamma": [0.8, 0.9]}))
+    figure = drawn(draw(cube.assign_attrs(plot="circles")))
+    radius, time = figure.axes[:2]
+    for axes, values in (radius, [6.4, 6.2]), (time, [60.0, 600.0]):
+        plane, none, circles = axes.collections
+        assert circles.get_offsets().tolist() == [[0.8, 0.6], [0.9, 0.6]] and circles.get_array().tolist() == values
+        assert plane.get_offsets().tolist() == [[0.8, 0.65]] and none.get_offsets().tolist() == [[0.9, 0.65]]
+    (axes, other) = drawn(draw(cube.isel(e=0), "circles")).axes
+    assert axes.lines[0].get_xydata().tolist() == [[0.8, 6.4], [0.9, 6.2]] and other.get_yscale() == "log"
+    with pytest.raises(ParameterError, match="circles: 3 parameters vary"):
+        draw(cube.expand_dims(f=[15.0, 20.0]), "circles")
+
+
 def test_the_ends_of_impacts_lie_at_mu_and_mu_s():
     ends = np.array([[["sp_sp", "sp_sk", "sk_sp"], ["none", "none", "sk_sk"]]])  # over A_r, mu, mu_s
     modes = np.array([[[D, D, D], [M_NOT_RUN, R, D]]])
@@ -716,6 +740,7 @@ def cubes_of_each_kind():
         "walks": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})),
         "planar": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})).assign(axial_velocity=("f", [1.0, 2, 3])),
         "bifurcation": strobed(cube_of([R, D, D], {"Gamma": [0.8, 0.9, 1.1]})),
+        "circles": with_circles(cube_of([[D, D], [D, R]], {"e": [0.6, 0.65], "Gamma": [0.8, 0.9]})),
     }
 
 

@@ -22,7 +22,7 @@ from dimersweep.errors import KernelError, ParameterError, UnfinishedError
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.compiler import ways
-from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED, ROW_BETA0
+from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED, ROW, ROW_BETA0
 from dimersweep.studies.sweep import study_of
 from dimersweep.work import scheduling, stopping, tiles
 from dimersweep.work.scheduling import IN_FLIGHT, Pool, run_tasks
@@ -176,7 +176,7 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
         run_many = there.run_many
 
         def dies_at_20_hz(rows, *rest, until=0, space=None):
-            if (rows[:, 3] == 20).any():
+            if (rows[:, ROW.index("f")] == 20).any():
                 os._exit(1)
             return run_many(rows, *rest, until=until, space=space)
 

@@ -14,7 +14,7 @@ import dimersweep
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.findings import runs_of
 from dimersweep.errors import ParameterError, Stopped, StoreError, UnfinishedError
-from dimersweep.kernel.model.layout import M_DRIFT, MODES
+from dimersweep.kernel.model.layout import M_DRIFT, MODES, ROW
 from dimersweep.studies import deciding
 from dimersweep.studies.deciding import spread_order
 from dimersweep.studies.search import search, study_of, waves
@@ -189,7 +189,7 @@ def test_a_search_made_otherwise_is_not_extended(fake_kernel, tmp_path, settings
 def test_a_retry_gives_the_bits_of_a_search_without_failures(fake_kernel, monkeypatch, tmp_path, question, stopped):
     out, reference = tmp_path / "cube.nc", quiet_search(**question)
     with monkeypatch.context() as patch:
-        use_kernel(patch, failing(lambda rows: rows[:, 3] == 3))
+        use_kernel(patch, failing(lambda rows: rows[:, ROW.index("f")] == 3))
         broken = quiet_search(out=out, keep_tiles=stopped, **question)
     assert (names(broken["mode"]) == "failed").sum() == 3
     if stopped:
@@ -203,7 +203,7 @@ def test_a_retry_gives_the_bits_of_a_search_without_failures(fake_kernel, monkey
 
 def test_a_retry_searches_again_only_where_a_failure_may_have_led(fake_kernel, monkeypatch, asked, tmp_path):
     with monkeypatch.context() as patch:
-        use_kernel(patch, failing(lambda rows: (rows[:, 3] == 3) & (rows[:, 0] == 0.6)))
+        use_kernel(patch, failing(lambda rows: (rows[:, ROW.index("f")] == 3) & (rows[:, 0] == 0.6)))
         quiet_search(out=tmp_path / "cube.nc")
     asked.clear()
     cube = quiet_search(out=tmp_path / "cube.nc", retry=True)
@@ -254,7 +254,7 @@ def test_points_that_break_a_rule_between_two_axes_are_left_out(fake_kernel):
 def test_a_point_that_cannot_be_run_is_left_to_be_done(fake_kernel, monkeypatch, tmp_path):
     reference, out = quiet_search(), tmp_path / "cube.nc"
     with monkeypatch.context() as patch:
-        use_kernel(patch, raising(lambda rows: rows[:, 3] == 3))
+        use_kernel(patch, raising(lambda rows: rows[:, ROW.index("f")] == 3))
         set_pace(patch, 1)
         with pytest.raises(UnfinishedError, match=r"could not be run.* point 15 \(f = 3.0, .*MemoryError: no room; "):
             quiet_search(out=out)
@@ -263,7 +263,7 @@ def test_a_point_that_cannot_be_run_is_left_to_be_done(fake_kernel, monkeypatch,
 
 
 def test_a_point_that_fails_marks_only_itself(fake_kernel, monkeypatch):
-    use_kernel(monkeypatch, failing(lambda rows: rows[:, 3] == 3))
+    use_kernel(monkeypatch, failing(lambda rows: rows[:, ROW.index("f")] == 3))
     set_pace(monkeypatch, 1)
     cube = quiet_search()
     failed = names(cube["mode"]) == "failed"

@@ -20,7 +20,7 @@ from dimersweep.cubes.results import Tile, chunks, split
 from dimersweep.errors import KernelError, UnfinishedError
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.model import layout
-from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, CODES, M_DRIFT, MODES, OK, OUT, ROW_BETA0
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, CODES, M_DRIFT, MODES, OK, OUT, ROW, ROW_BETA0
 from dimersweep.storage.provenance import OURS
 from dimersweep.studies.declared import from_cube
 from dimersweep.studies.search import search
@@ -95,7 +95,7 @@ def test_threads_and_tiles_give_the_bits_of_a_serial_run(monkeypatch):
 
 def rings_down(rows, periods, rtol, settle, out, codes, until=0, space=None):
     """A kernel whose starts settle after 1000 beta0 periods, in drift, and never where f is 25."""
-    need = np.where(rows[:, 3] == 25, np.inf, 1000 * rows[:, ROW_BETA0])
+    need = np.where(rows[:, ROW.index("f")] == 25, np.inf, 1000 * rows[:, ROW_BETA0])
     codes[:, CODE_STATUS] = OK
     codes[:, CODE_MODE] = np.where(need <= periods, M_DRIFT, layout.M_UNRESOLVED)
     codes[:, layout.CODE_N_PERIODS] = np.minimum(need, periods)
@@ -123,7 +123,7 @@ def test_what_has_not_settled_is_run_longer(monkeypatch, tmp_path, length):
 
 
 def test_a_point_that_fails_marks_only_itself(monkeypatch):
-    use_kernel(monkeypatch, failing(lambda rows: rows[:, 3] == 20))
+    use_kernel(monkeypatch, failing(lambda rows: rows[:, ROW.index("f")] == 20))
     set_pace(monkeypatch, 89)
     cube = quiet_sweep()
     failed = names(cube["mode"]) == "failed"

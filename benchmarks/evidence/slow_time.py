@@ -7,11 +7,15 @@ of the spin is compared. Where the spin is held at an end of the family, runs fr
 ``--later`` a motion is followed for so many periods by `later` and by a run. With ``--attractors`` so many starts of each are
 parted by `attractors(slow=True)`, and by runs of 400,000 periods: those of one attractor have come nearer to its spin, or are
 all of its mode. It ends with 1 if a run says otherwise.
+
+``--planes`` counts, of so many dimers with alike ends, how the drift D begins beside a plane where D over the spin changes its
+sign over mu: with k > 0, k < 0 or k = 0 in D = s (a + k log s - b s^2 + c s^4), by a fit at five spins.
 """
 
 import argparse
 import sys
 from contextlib import suppress
+from itertools import pairwise
 
 import numpy as np
 
@@ -22,6 +26,8 @@ from tests.checks.dimers import random_dimer
 
 BASIN = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 0.005, "r_2": 0.0051}  # unlike ends: three slow fates
 RANGES, SETTLED, LONG = {"beta0": (-1.2, 1.2), "xdot0": (-2, 2), "phi0": (0, 6.28)}, 300, 400_000
+SMALL, FACTORS = np.array([0.25, 1.0, 2.0, 4.0, 8.0]), (0.4, 0.6, 0.8, 1.0, 1.3, 1.7, 2.3, 3.0)
+NO_LOG = 1e-12  # k that is none
 SLOW_TIMES, ASIDE, ALIKE, CHANGE_ALIKE, HELD, AT_REST = 6, 0.03, 1e-4, 0.01, 0.005, 1e-3
 
 
@@ -112,6 +118,37 @@ def parted(dimer, starts):
         yield f"{fate} {low:.5g} to {high:.5g} of {len(ends)}: {', '.join(sorted(set(ends)))}", right
 
 
+def beginning(dimer, mu):
+    """D / s at 1 rad/s of a dimer at a mu, the k of the fit, and the symbols of its motion."""
+    given = dimer | {"mu": mu, "mu_s": max(dimer["mu_s"], 1.1 * mu)}
+    found = [orbits.find(spin=spin, **given) for spin in SMALL]
+    if not all(one.stable for one in found):
+        raise OrbitError("unstable")
+    powers = np.array([np.ones(len(SMALL)), np.log(SMALL), SMALL**2, SMALL**4]).T
+    grown = [one.spin_drift / one.spin for one in found]
+    return grown[1], np.linalg.lstsq(powers, np.array(grown), rcond=None)[0][1], found[1].sequence
+
+
+def count_planes(first, dimers):
+    """Print how D begins where it changes its sign at 1 rad/s; no row where no motion is found, or its symbols change."""
+    counted = dict.fromkeys(("k > 0", "k < 0", "k = 0"), 0)
+    for seed in range(first, first + 2 * dimers, 2):
+        _, dimer = dimer_of(seed)
+        told = []
+        for factor in FACTORS:
+            try:
+                told.append((factor, *beginning(dimer, factor * dimer["mu"])))
+            except OrbitError:
+                continue
+        for (low, falls, k_low, symbols), (high, grows, k_high, others) in pairwise(told):
+            if falls * grows < 0 and symbols == others:
+                k = 0.5 * (k_low + k_high)
+                kind = "k = 0" if abs(k) < NO_LOG else "k > 0" if k > 0 else "k < 0"
+                counted[kind] += 1
+                print(f"{seed:3} mu {low} to {high} of its own: k = {k:.1e}, {symbols}", flush=True)
+    print(f"{dimers} dimers: {', '.join(f'{n} with {kind}' for kind, n in counted.items())}")
+
+
 def main():
     """Judge all dimers; how many are not as told."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -120,7 +157,11 @@ def main():
     parser.add_argument("--most", type=float, default=1e5, help="slow time up to which runs go on to the spin")
     parser.add_argument("--later", type=int, default=0, help="forcing periods of `later`, in place of sustained spins")
     parser.add_argument("--attractors", type=int, default=0, help="starts of each, in place of sustained spins")
+    parser.add_argument("--planes", type=int, default=0, help="dimers of which the drift beside a plane is looked at")
     given, wrong = parser.parse_args(), 0
+    if given.planes:
+        count_planes(given.first, given.planes)
+        return 0
     if given.attractors:
         for seed in range(given.first - 1, given.first + given.dimers):
             dimer = BASIN if seed < 0 else dimer_of(seed)[1]

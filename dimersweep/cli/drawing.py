@@ -122,12 +122,13 @@ def check_kind(declared: "Declaration", study: "Study") -> None:
 
     if "plot" not in declared.model_fields_set:
         return
-    asked = {"search": declared.search, "paths": declared.paths, "strobes": declared.sweep.strobes}
+    sweep, kind = declared.sweep, declared.attrs["plot"]
+    asked = {"search": declared.search, "paths": declared.paths, "strobes": sweep.strobes, "sustained": sweep.sustained}
     sizes = {name: values.size for name, values in study.grid.axes.items()}
     try:
-        check(declared.plot.kind, sizes, {feature for feature, given in asked.items() if given})
+        check(kind, sizes, {feature for feature, given in asked.items() if given})
     except ParameterError as error:
-        raise ParameterError(f"plot.kind = {declared.plot.kind!r}: {error}; another kind, or --no-plot") from None
+        raise ParameterError(f"plot.kind = {kind!r}: {error}; another kind, or --no-plot") from None
 
 
 def check_picture_of(configuration_sha256: str, picture: Path, *, force: bool) -> None:

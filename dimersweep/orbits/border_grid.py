@@ -12,7 +12,7 @@ import xarray as xr
 
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.inputs import check_switch
-from dimersweep.orbits import bifurcation_curve, sequence_curve, stability_end  # noqa: F401 - they enter the curves of all kinds
+from dimersweep.orbits import bifurcation_curve, pitchfork_curve, sequence_curve, stability_end  # noqa: F401 - they enter the curves of all kinds
 from dimersweep.orbits.curve import Curve, Found, Place, asked, shortened
 from dimersweep.orbits.finding import RTOL
 from dimersweep.orbits.orbit import PeriodicOrbit
@@ -188,7 +188,8 @@ def border(
         fold, flip (period doubling), torus (Neimark-Sacker), or a change of sequence: any of them (word), or stick_slip,
         lift_off, double_impact, chatter, hop. The first one met from the start is the one that is followed; of folds, flips
         and tori the one at which the stable orbit that runs come to loses its stability, if it does so there. stable_from
-        and stable_to are the ends of that orbit's stability, whatever their kind; each point is found by itself.
+        and stable_to are the ends of that orbit's stability, whatever their kind; each point is found by itself. A pitchfork
+        is one of motions in a plane, without spin.
     parameter : str
         The one that is solved for.
     over : mapping of str to sequence of float

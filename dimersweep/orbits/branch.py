@@ -7,6 +7,7 @@ section, so that what lies between them is found on planes across the line from 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import partial
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -38,7 +39,10 @@ class Axis(NamedTuple):
 
     def taken_up(self, fixed: Fixed) -> Fixed:
         """A fixed point to begin a branch with; where the spin is free, the one nearby at which nothing drifts."""
-        return solve(fixed.map, fixed.z, None) if self.spin is None else fixed
+        if self.spin is not None:
+            return fixed
+        places = chain([(fixed.map, fixed.z)], fixed.map.sections(fixed.image.passage))
+        return first_found(partial(solve, *place, None) for place in places)
 
     def spin_at(self, value: float) -> float | None:
         """The axial spin at a value of the quantity [rad/s]; None where it is free."""

@@ -15,7 +15,9 @@ from dimersweep.errors import OrbitError
 from dimersweep.orbits.poincare import OrbitLost
 
 LOCATED = 1e-9  # how well a zero is known, in the parameter over its scale, or as a share of a step
-LEAP = 1e-3  # part of a test function at the ends of a step, below which it does not leap over zero
+# part of a test function at the ends of a step, below which it does not leap over zero; where the spin is free, and the
+# function known less well
+LEAP, SLOW_LEAP = 1e-3, 1e-2
 SAME_WAY = 0.7  # product of the tangents at both ends of a step, below which it is too long
 
 
@@ -147,17 +149,17 @@ class Between(dict[float, Q]):
         return self[0.0] if share < 0.5 else self[1.0]
 
 
-def zero(at: Between[Q], test: Callable[[Q], float], known: float) -> float | None:
+def zero(at: Between[Q], test: Callable[[Q], float], known: float, leap: float = LEAP) -> float | None:
     """The share of a step, so well `known`, at which a test function that changes its sign is zero.
 
-    None if it leaps over zero, or a point is not found.
+    None if it leaps over zero, by `leap` or more of what it is at the ends, or a point is not found.
     """
     try:
         first, last = test(at[0.0]), test(at[1.0])
         if not first * last < 0:
             return None
         share = brentq(lambda share: test(at[share]), 0.0, 1.0, xtol=known, rtol=8.9e-16)
-        small = abs(test(at[share])) < LEAP * max(abs(first), abs(last))
+        small = abs(test(at[share])) < leap * max(abs(first), abs(last))
     except (OrbitLost, np.linalg.LinAlgError):
         return None
     return float(share) if small else None

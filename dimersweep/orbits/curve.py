@@ -67,6 +67,8 @@ class Curve(ABC):
     alone: ClassVar = False
     # whether a motion may have several such borders, so that points that are followed are confirmed
     many: ClassVar = False
+    # whether its motions are in a plane, without spin
+    in_plane: ClassVar = False
     kind: Any
     parameter: str  # the one that is solved for
     given: dict[str, float]  # all parameters
@@ -75,6 +77,10 @@ class Curve(ABC):
     recorder: Recorder = field(default_factory=Recorder)
     over: dict[str, np.ndarray] = field(default_factory=dict)  # values of the other parameters that are asked for
     sustained: bool = False  # whether the spin is free, and only begins as given
+
+    def __post_init__(self) -> None:
+        if self.in_plane:
+            self.spin, self.sustained = 0.0, False
 
     def __init_subclass__(cls, of: type[Kind]) -> None:
         of.curve = cls
@@ -243,11 +249,14 @@ class Curve(ABC):
         for at in self._places(given):
             try:
                 orbit = orbit_at(given | at, self.spin, rtol=self.rtol)
+                self.axis.taken_up(orbit.fixed)
             except OrbitError as reason:
                 reasons.append(str(reason))
                 continue
             if orbit.stable and far_ends(orbit.sequence) == 1:
                 yield orbit
+                if self.sustained:  # branches of the others lead to the same spins
+                    return
             else:
                 later.append(orbit)
         yield from sorted(later, key=lambda orbit: (far_ends(orbit.sequence) != 1, not orbit.stable))

@@ -12,7 +12,7 @@ from dimersweep.inputs import as_number
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.sheets import Sheet, Standing, Stretch, drifted, stretch_of
-from dimersweep.orbits.slow_flow import flow_of
+from dimersweep.orbits.slow_flow import Arrival, flow_of
 
 
 class Leap(NamedTuple):
@@ -125,29 +125,28 @@ def _within_family(stretches: list[Stretch], spin: float, periods: float) -> flo
 
 def _after(orbit: PeriodicOrbit, periods: float) -> Later:
     """The motion some periods after it was on an orbit."""
-    if orbit.spin_drift == 0.0:  # both ends stick in all that happens
-        return Later(orbit.spin, orbit.radius, orbit.period, orbit.zeta)
     flow = flow_of(orbit, whole=periods < 0)
-    if periods < 0:
+    if periods < 0 and orbit.spin_drift:
         sheet = flow.sheets[flow.sheet_of(orbit)]
         return _at(sheet, _within_family(sheet.stretches, orbit.spin, periods))
     left, begin = periods, orbit
     leaps: list[Leap] = []
     seen: dict[int, float] = {}  # periods that were left as a motion came to each arrival first
+    way = flow.way(orbit)
     while True:
         try:
-            leg = flow.leg(begin)
+            leg = next(way)
         except OrbitLost:
             if left == np.inf:
                 raise
             return _by_run(begin, left, leaps)
-        sheet = flow.sheets[leg.number]
-        if isinstance(leg.then, Standing) and left == np.inf:
-            return _at(sheet, leg.then.orbit.spin, leaps)
-        if isinstance(leg.then, Standing) or leg.periods > left:
+        sheet, stands = leg.sheet, isinstance(leg.then, Standing)
+        if stands and (left == np.inf or leg.to == begin.spin):
+            return _at(sheet, leg.to, leaps)
+        if stands or leg.periods > left:
             return _at(sheet, drifted(sheet.stretches, begin.spin, left)[0], leaps)
         left, end = left - leg.periods, sheet.at(leg.to)
-        if isinstance(leg.then, str) or leg.then.periods > left:
+        if not isinstance(leg.then, Arrival) or leg.then.periods > left:
             if left == np.inf:
                 return Later(np.nan, np.nan, np.nan, np.nan, str(leg.then), tuple(leaps))
             return _by_run(end, left, leaps)

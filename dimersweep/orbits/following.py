@@ -11,13 +11,13 @@ import xarray as xr
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, number
 from dimersweep.orbits.branch import Axis, Point, point_of
-from dimersweep.orbits.continuation import FOLLOWING, steps
+from dimersweep.orbits.continuation import FOLLOWING, LOCATED, steps
 from dimersweep.orbits.kinds import FLIP, Kind
 from dimersweep.orbits.manifold import slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Recorder
-from dimersweep.orbits.specials import Special, doubled, specials
+from dimersweep.orbits.specials import Special, doubled, pitchfork_in, specials
 from dimersweep.orbits.stability_end import GAP, beyond_gap, furthest, kind_beyond
 from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
@@ -72,9 +72,9 @@ def follow(
     Returns
     -------
     xarray.Dataset
-        Along `point`: the attributes of a `PeriodicOrbit`, the parameter, and `special`: fold, flip, torus or word where the
-        row is such a point (1e-8 in the parameter over its scale), with the kind of `change` of the sequence and the `jump` of
-        the orbit. The attribute `end` says why the branch ends, `cost` how many forcing periods of the map it took.
+        Along `point`: the attributes of a `PeriodicOrbit`, the parameter, and `special`: fold, flip, torus, pitchfork or word
+        where the row is such a point (1e-8 in the parameter over its scale), with the kind of `change` of the sequence and the
+        `jump` of the orbit. The attribute `end` says why the branch ends, `cost` how many forcing periods of the map it took.
 
     Raises
     ------
@@ -125,6 +125,7 @@ def traced(
 ) -> Trace:
     """The points of a branch; see `follow`."""
     axis, start, to = _axis(orbit, parameter, to, sustained)
+    free = axis.spin is None
     edges = {
         to / axis.scale: (to, "to: the value asked for is reached"),
         start / axis.scale: (start, "back: the branch has turned round to its start"),
@@ -138,11 +139,15 @@ def traced(
             try:
                 a, b, edge = next(taken)
             except OrbitLost:
-                if not sustained:
+                if not free:
                     raise
                 point, end = _over_kink(point, *sorted((start, to)))
                 rows.append(_row(point))
                 taken = steps(point, FOLLOWING, tuple(edges))
+                continue
+            if free and a.fixed.image.spin * b.fixed.image.spin < 0:
+                fork, end = pitchfork_in(a, b), MIRRORED
+                rows += [_row(fork.point, fork)] if fork else []
                 continue
             found, leap = specials(a, b, sequences)
             flip = next((k for k, special in enumerate(found) if switch and special.kind is FLIP), None)
@@ -152,9 +157,6 @@ def traced(
             elif flip is not None:
                 point, switch = doubled(found[flip].point), False
                 taken = steps(point, FOLLOWING, tuple(edges))
-            elif sustained and a.fixed.image.spin * b.fixed.image.spin < 0:
-                end = MIRRORED
-                continue
             elif edge is not None:
                 value, end = edges[edge]
                 point = b._replace(value=value)
@@ -179,7 +181,8 @@ def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool
         raise ParameterError("parameter = 'spin': is free on a branch of sustained spins")
     if to == value:
         raise ParameterError(f"to = {to}: must differ from the value {parameter} has")
-    spin = None if sustained else orbit.spin
+    in_plane = parameter != "spin" and abs(orbit.spin) <= LOCATED * orbit.fixed.map.unit
+    spin = 0.0 if in_plane else None if sustained else orbit.spin
     return Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), spin), value, to
 
 

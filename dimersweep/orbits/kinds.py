@@ -13,8 +13,10 @@ import numpy as np
 
 from dimersweep.kernel.verdict.past import HOP_LINE
 from dimersweep.orbits.branch import Mark, Point
+from dimersweep.orbits.manifold import growth_in_plane
+from dimersweep.orbits.newton import fixed_at
 from dimersweep.orbits.passage import TURN, Sides, longest_hop
-from dimersweep.orbits.poincare import Image, OrbitLost
+from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 
 COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
 HOP_ASIDE = 1e-9  # how far on this side of a hop of half a period its orbit lies, in forcing periods
@@ -61,6 +63,10 @@ class Kind:
     def test(self, point: Point) -> float:
         """A function of a point of a branch that changes its sign at the border; NaN if there is none."""
         return float("nan")
+
+    def holds(self, point: Point) -> bool:
+        """Whether the border is at a point where its test function is zero."""
+        return True
 
     def others(self, values: np.ndarray) -> np.ndarray:
         """Of multipliers at the border, those that it does not concern."""
@@ -201,6 +207,28 @@ class Torus(ComplexPair):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Pitchfork(Kind):
+    """What moves in a plane begins or ceases to attract motions with a spin: two of them, mirror images, part from it."""
+
+    @property
+    def has_equation(self) -> bool:
+        """Always."""
+        return True
+
+    def test(self, point: Point) -> float:
+        """How a small spin grows; NaN but on branches in a plane."""
+        return growth_in_plane(point.fixed)[0] if point.axis.spin == 0.0 else float("nan")
+
+    def holds(self, point: Point) -> bool:
+        """Whether the drift is smooth there: else a spin that is small enough grows, or falls, on both sides."""
+        return growth_in_plane(point.fixed)[1]
+
+    def mark(self, m: ReturnMap, image: Image) -> float:
+        """How a small spin grows beside the motion of an image, in a unit that makes it as large as other equations."""
+        return growth_in_plane(fixed_at(m, image.point))[0] / m.one_sided
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class StabilityEnd(Kind):
     """Where a stable orbit ceases to be stable, or to be, whatever the kind of border there."""
 
@@ -252,6 +280,12 @@ TORUS = Torus(
     meaning="a complex pair of multipliers has size 1: a motion with two periods begins (Neimark-Sacker)",
     color="#e69f00",
     marker="o",
+)
+PITCHFORK = Pitchfork(
+    name="pitchfork",
+    meaning="a motion in a plane begins or ceases to attract motions with a spin: two sustained spins part from it",
+    color="#cc79a7",
+    marker="P",
 )
 STABLE_FROM = StabilityEnd(
     name="stable_from",
@@ -305,5 +339,5 @@ def change_of(old: str, new: str) -> Change:
 
 
 BORDER_KINDS: dict[str, Kind] = {
-    kind.name: kind for kind in (FOLD, FLIP, TORUS, STABLE_FROM, STABLE_TO, ANY_CHANGE, *CHANGES[::-1])
+    kind.name: kind for kind in (FOLD, FLIP, TORUS, PITCHFORK, STABLE_FROM, STABLE_TO, ANY_CHANGE, *CHANGES[::-1])
 }

@@ -12,11 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.kernel.model.layout import THETA
-from dimersweep.orbits.newton import TOLERANCE, Fixed, newton, system
+from dimersweep.orbits.newton import TOLERANCE, Fixed, newton, solve, system
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, singular_lost
 
 APART = 0.05  # distance of the multipliers of the fast part from 1 below which it is no slower than the spin
 NEAR = 0.05  # of the manifold from the fixed point, in units of the section
+SMALL_SPIN = 5e-3  # at which it is seen how a spin grows beside a plane, in the unit of the section
 WEIGHTS = 8.0  # of the points in a third difference, all together: the rounding of each counts so often
 
 
@@ -84,6 +85,23 @@ def slow_motion_at(fixed: Fixed) -> SlowMotion:
     image, drift = fixed.image, slow_direction(fixed)[1]
     turn_drift = image.theta * drift / image.spin if image.spin else 0.0
     return SlowMotion(fixed.z, image, image.theta, drift, turn_drift, fixed.residual)
+
+
+def growth_in_plane(fixed: Fixed) -> tuple[float, bool]:
+    """How a small spin grows in a period beside a motion in a plane, in units of itself, and whether the drift is smooth there.
+
+    The drift is odd in the spin. If it is smooth, its ratio to the spin has even powers alone. It is not where an end slips, at
+    any spin, through the turn of its slip in the plane: there friction turns round in a time that goes with the spin, which
+    gives the drift a part like s log s.
+    """
+    m, along = fixed.map, slow_direction(fixed)[0]
+
+    def growth(share: float) -> float:
+        spin = share * m.unit
+        return slow_direction(solve(m, fixed.z + share * along, spin))[1] / spin
+
+    first, second, third = (growth(times * SMALL_SPIN) for times in (1, 2, 4))
+    return (4 * first - second) / 3, bool(abs(third - second - 4 * (second - first)) < TOLERANCE * m.rtol)
 
 
 def slow_motion_of(fixed: Fixed) -> SlowMotion:

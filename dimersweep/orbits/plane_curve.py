@@ -138,7 +138,7 @@ def border_curve(
     Parameters
     ----------
     kind : str
-        fold, flip, torus or hop.
+        fold, flip, torus, pitchfork or hop.
     parameter, other : str
         The two parameters.
     span : tuple of float or str

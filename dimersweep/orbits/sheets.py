@@ -36,6 +36,7 @@ MOST_POINTS = 1000  # of a sheet to either side
 TAKEN_UP = (1e-3, 5e-3, 0.02)  # shares of the spin beyond an orbit at which one is looked for by a run, in this order
 STEEPEST = 0.1  # change of the drift with the spin in a period, beyond which it is no slow one, as at an end
 SWING = 5e-3  # of the greatest value, by which a spline may lie beyond those between which it goes
+NEUTRAL = "kept"  # the kind of a spin that nothing changes
 OVER_THE_END = 1e-7  # of the greatest spin, by which rounding may lead over an end of a family
 
 
@@ -283,8 +284,8 @@ class Standing(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """Whether the drift falls through zero there, or changes its sign where the family, or this sheet of it, ends."""
-        return "end" if np.isinf(self.rate) else "spin"
+        """Whether the drift falls through zero, changes its sign where the family, or the sheet, ends, or is none at all."""
+        return NEUTRAL if self.rate == 0 else "end" if np.isinf(self.rate) else "spin"
 
 
 def standing(sheet: Sheet) -> Iterator[Standing]:

@@ -69,7 +69,7 @@ def _landed(end: PeriodicOrbit, any_period: bool) -> Arrival | str:
 class DriftLeg(NamedTuple):
     """A drift of the spin along a sheet."""
 
-    number: int  # of the sheet
+    sheet: Sheet
     begin: PeriodicOrbit
     to: float  # spin at its end [rad/s]
     periods: float  # forcing periods up to there; infinite where it stands still there
@@ -173,17 +173,19 @@ class SlowFlow:
 
     def leg(self, begin: PeriodicOrbit) -> DriftLeg:
         """The drift from an orbit on; lost if it is on no sheet."""
+        if begin.spin_drift == 0.0:  # both ends stick in all that happens
+            return DriftLeg(Sheet([begin], "", ""), begin, begin.spin, np.inf, Standing(begin, 0.0, 0.0))
         number, drift = self.sheet_of(begin), begin.spin_drift
         sheet, end = self.sheets[number], drift > 0
         ahead = [one for one in self.standing[number] if (one.orbit.spin - begin.spin) * drift >= 0]
-        if drift == 0 or ahead:
-            stands = min(ahead or self.standing[number], key=lambda one: abs(one.orbit.spin - begin.spin))
-            return DriftLeg(number, begin, stands.orbit.spin, np.inf, stands)
+        if ahead:
+            stands = min(ahead, key=lambda one: abs(one.orbit.spin - begin.spin))
+            return DriftLeg(sheet, begin, stands.orbit.spin, np.inf, stands)
         last = sheet.orbits[-end]
         if not self.drifts_over(number, end):
             raise OrbitLost(f"the drift leads beyond spin = {last.spin:.6g} rad/s")
         periods = time_between(sheet.stretches, begin.spin, last.spin)
-        return DriftLeg(number, begin, last.spin, periods, self.lead(number, end))
+        return DriftLeg(sheet, begin, last.spin, periods, self.lead(number, end))
 
     def way(self, begin: PeriodicOrbit) -> Iterator[DriftLeg]:
         """The drifts from an orbit on, one after the other, without an end where they form a cycle."""
@@ -226,7 +228,7 @@ class SlowFlow:
         orbits: list[PeriodicOrbit] = []
         for leg in legs:
             low, high = sorted((leg.begin.spin, leg.to))
-            orbits += [leg.begin, *(one for one in self.sheets[leg.number].orbits if low <= one.spin <= high)]
+            orbits += [leg.begin, *(one for one in leg.sheet.orbits if low <= one.spin <= high)]
         return Cycle(orbits, sum(leg.periods + leg.then.periods for leg in legs if isinstance(leg.then, Arrival)))
 
 

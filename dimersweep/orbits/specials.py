@@ -17,10 +17,10 @@ from scipy.optimize import brentq
 from dimersweep.kernel.model.layout import D1, FREE, N1
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 from dimersweep.orbits.branch import NEAR_TURN, Equations, Point, lent, point_of, with_derivatives
-from dimersweep.orbits.continuation import LOCATED, Between, zero
-from dimersweep.orbits.kinds import BORDER_KINDS, Kind, change_of
+from dimersweep.orbits.continuation import LEAP, LOCATED, SLOW_LEAP, Between, zero
+from dimersweep.orbits.kinds import BORDER_KINDS, PITCHFORK, Kind, change_of
 from dimersweep.orbits.manifold import eigenvector
-from dimersweep.orbits.newton import fixed_at
+from dimersweep.orbits.newton import fixed_at, solve
 from dimersweep.orbits.poincare import TURN, Image, OrbitLost, ReturnMap
 
 MOST_CHANGES = 12  # sequence changes within one step; places at which an orbit is lost and found again
@@ -29,6 +29,7 @@ JOINED = 0.1
 FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
 GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
 BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
+NEAR_FORK = (1e-3, 1e-2)  # of a pitchfork from where the branch meets the plane, in the parameter over its scale
 GAP_SAMPLES = 64  # in a forcing period, of an end in the air
 TURN_KNOWN = 1e-7  # how well the time is known at which an end turns [rad]: the gap does not change to first order
 WIDE, NO_GAP = 0.05, 1e-9  # gap beyond which no impact is near; gap that counts as none, in units of the section
@@ -111,8 +112,26 @@ def specials(a: Point, b: Point, sequences: bool = True) -> tuple[list[Special],
 
 def located(kind: Kind, at: Between[Point]) -> Special | None:
     """The zero of a kind's test function in a step; none if the function does not change its sign, or leaps over zero."""
-    share = zero(at, kind.test, max(LOCATED / (abs(at.way[-1]) or at.length), 1e-14))
-    return None if share is None else Special(kind, at[share], share)
+    leap = SLOW_LEAP if at[0.0].axis.spin is None else LEAP
+    share = zero(at, kind.test, max(LOCATED / (abs(at.way[-1]) or at.length), 1e-14), leap)
+    return None if share is None or not kind.holds(at[share]) else Special(kind, at[share], share)
+
+
+def pitchfork_in(a: Point, b: Point) -> Special | None:
+    """The pitchfork at which a branch of sustained spins, in the step to its mirror image, parts from the motions in a plane.
+
+    There is none where the drift is not smooth about a plane: the spin falls like an exponential and does not come to 0.
+    """
+    spins = [point.fixed.image.spin for point in (a, b)]
+    y = a.y + spins[0] / (spins[0] - spins[1]) * (b.y - a.y)
+    value, along = float(y[-1] * a.axis.scale), np.eye(y.size)[-1]
+    with suppress(OrbitLost):
+        plane = point_of(a.axis._replace(spin=0.0), solve(a.axis.map_at(a.map, y[-1]), y[:-1], 0.0), value)
+        for near in NEAR_FORK:
+            sides = (plane.on_plane(plane.y + by * along, along) for by in (-near, near))
+            if found := located(PITCHFORK, Between(*sides)):
+                return found
+    return None
 
 
 def sequence_changes(a: Point, b: Point) -> Iterator[Special]:

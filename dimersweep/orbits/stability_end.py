@@ -14,11 +14,20 @@ from dimersweep.orbits.branch import Point, point_of
 from dimersweep.orbits.continuation import SEARCHING, Between, halved, steps
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import orbit_at, settled_on
-from dimersweep.orbits.kinds import ANY_CHANGE, BORDER_KINDS, Kind, StabilityEnd, change_of
+from dimersweep.orbits.kinds import ANY_CHANGE, FLIP, FOLD, TORUS, Kind, StabilityEnd, change_of
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import TURN, OrbitLost
-from dimersweep.orbits.specials import JOINED, MOST_CHANGES, Special, located, on_own_side, sequence_changes
+from dimersweep.orbits.specials import (
+    JOINED,
+    MOST_CHANGES,
+    Special,
+    located,
+    on_own_side,
+    pitchfork_in,
+    sequence_changes,
+)
+from dimersweep.parameters import value_of
 
 NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which on changes of sequence are looked for
 GAP = 1e-2  # part of the parameter over which an orbit may be missing or leap
@@ -40,12 +49,18 @@ def stability_end(begin: Point) -> Special:
     but a stable orbit exists nearby at a parameter a little further, up to `GAP`, that one is taken up.
     """
     point, sense = begin, float(np.sign(begin.tangent[-1]))
+
+    def same_side(other: Point) -> bool:
+        """Whether an orbit is stable, and no mirror image of those before, to which sustained spins lead over a plane."""
+        mirrored = begin.axis.spin is None and begin.fixed.image.spin * other.fixed.image.spin < 0
+        return is_stable(other) and not mirrored
+
     for _ in range(MOST_CHANGES):
         if not is_stable(point):
             raise OrbitLost("the orbit is unstable")
-        last, beyond = _followed(is_stable, point)
+        last, beyond = _followed(same_side, point)
         special = Special(kind_beyond(last), last, 1.0) if beyond is None else _in_step(last, beyond)
-        if special.kind.rows:
+        if not special.kind.of_sequence:
             return special
         last, goes_on = furthest(is_stable, special.point, sense)
         if not goes_on:
@@ -169,8 +184,13 @@ def _accepted(holds: Holds, nxt: Point, leap: np.ndarray) -> Point:
 
 def _in_step(a: Point, b: Point) -> Special:
     """Where stability is lost in a step."""
+    if is_stable(b):
+        if fork := pitchfork_in(a, b):
+            return fork
+        raise OrbitLost("the spin falls like an exponential, and does not come to 0")
     at = Between(a, b)
-    for kind in BORDER_KINDS.values():
+    bifurcations: tuple[Kind, ...] = (FOLD, FLIP, TORUS)
+    for kind in bifurcations:
         special = located(kind, at)
         if special is not None and kind.is_all(special.point.multipliers):
             return special
@@ -181,8 +201,8 @@ def _in_step(a: Point, b: Point) -> Special:
             if change.jump > JOINED or not _is_stable_on_own_side(cast(Point, change.beyond)):
                 return change
     whole = [point.fixed.image.passage.whole_sequence for point in (low, high)]
-    kind = change_of(*whole) if whole[0] != whole[1] else ANY_CHANGE
-    return Special(kind, low, 0.0, 0.0, (low.sequence, high.sequence))
+    change_there = change_of(*whole) if whole[0] != whole[1] else ANY_CHANGE
+    return Special(change_there, low, 0.0, 0.0, (low.sequence, high.sequence))
 
 
 def _is_stable_on_own_side(beyond: Point) -> bool:
@@ -213,7 +233,8 @@ class StabilityCurve(Curve, of=StabilityEnd):
     ) -> Iterator[PeriodicOrbit]:
         """Each point is found by itself, so that a start is carried there first."""
         if start is not None:
-            start = orbit_at(given, start.spin if self.sustained else self.spin, guess=start, rtol=self.rtol)
+            there = given | {self.parameter: value_of(self.parameter, start.parameters)}
+            start = orbit_at(there, start.spin if self.sustained else self.spin, guess=start, rtol=self.rtol)
         return super()._starts(given, start, reasons)
 
     def _lacking(self, stable: bool, reasons: list[str]) -> str:

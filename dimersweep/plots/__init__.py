@@ -9,6 +9,7 @@ from dimersweep.cubes.findings import drift_intervals, drift_lengths
 from dimersweep.errors import ParameterError
 from dimersweep.plots.attractors import attractors
 from dimersweep.plots.checking import check_cube
+from dimersweep.plots.circles import circles
 from dimersweep.plots.maps import mode_map, quantity_map
 from dimersweep.plots.modes import bifurcation, regions, segments
 from dimersweep.plots.orbits import impact_ends, least_period, paths, planar, shares, trends, walks
@@ -32,6 +33,7 @@ __all__ = [
     "attractors",
     "bifurcation",
     "check_picture",
+    "circles",
     "contact_legend",
     "draw",
     "drift_intervals",
@@ -69,6 +71,7 @@ FIGURES = {
     "shares": shares,
     "planar": planar,
     "bifurcation": bifurcation,
+    "circles": circles,
 }
 
 

@@ -25,12 +25,13 @@ FEATURES: dict[str, tuple[str, bool, int | None, str]] = {
     "walks": ("paths", False, 1, _NO_PATHS),
     "planar": ("paths", False, 1, "needs paths over one axis; declare [paths]"),
     "bifurcation": ("strobes", False, None, "the cube has no strobes; make it with bifurcation(...)"),
+    "circles": ("sustained", False, None, "the cube has no sustained spins; make it with sweep(..., sustained=True)"),
 }
 
 
 def features(cube: xr.Dataset) -> set[str]:
-    """What a cube has besides modes and orbits: regions and runs of a search, paths, strobes."""
-    marks = {"search": "region", "paths": "x", "strobes": "strobe"}
+    """What a cube has besides modes and orbits: regions and runs of a search, paths, strobes, sustained spins."""
+    marks = {"search": "region", "paths": "x", "strobes": "strobe", "sustained": "sustained_spin"}
     return {name for name, variable in marks.items() if variable in cube.variables or variable in cube.dims}
 
 

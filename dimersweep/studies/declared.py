@@ -83,7 +83,7 @@ class PathsSection(SweepFileSection):
 class PlotSection(SweepFileSection):
     """How to draw the cube."""
 
-    kind: Picture = "mode_map"
+    kind: Picture | None = None
 
 
 class Declaration(SweepFileSection):
@@ -153,7 +153,8 @@ class Declaration(SweepFileSection):
     @property
     def attrs(self) -> dict[str, str]:
         """Attributes of the cube."""
-        return ({} if self.sweep.title is None else {"title": self.sweep.title}) | {"plot": self.plot.kind}
+        plot = self.plot.kind or ("circles" if self.sweep.sustained else "mode_map")
+        return ({} if self.sweep.title is None else {"title": self.sweep.title}) | {"plot": plot}
 
 
 def explain(error: ValidationError, whole: type[BaseModel]) -> list[str]:

@@ -153,6 +153,8 @@ def sweep(
     >>> names(cube["mode"]).values.tolist()
     [['rest', 'rest'], ['rest', 'drift']]
     """
+    if sustained:
+        options["attrs"] = {"plot": "circles"} | check_attrs(options.get("attrs"))
     how: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
     how["stop_when_settled"] = stop_when_settled
     study = study_of(

@@ -14,12 +14,12 @@ from dimersweep.orbits.features import ALIKE_WITHIN, Carried, Features, Mirrors,
 from dimersweep.orbits.finding import RTOL, at_end, find, orbit_through, settled_on
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import OrbitLost, Recorder
+from dimersweep.orbits.sheets import NEUTRAL
 from dimersweep.orbits.slow_flow import Cycle, SlowFlow, flow_of
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.solving import RunSettings, exactly, run_row
 
 ONE_FATE = 1e-3  # by which spins, speeds and impact phases of one may differ, as a share and in their units
-NEUTRAL = "kept"  # the fate of a spin that nothing changes
 
 
 class Fate(NamedTuple):
@@ -203,8 +203,6 @@ class Classifier:
             periods = attractor.features.periods
             m, state = at_end(self.parameters(start), self.results["end"][start], periods, RTOL, self.recorder)
             orbit = orbit_through(*settled_on(m, state, periods))
-            if orbit.spin_drift == 0.0:  # both ends stick in all that happens
-                return Fate(NEUTRAL, 0.0 if self.mirrors.plane else -np.inf, np.inf, orbit)
             if (orbit.spin < 0) not in flows:
                 flows[orbit.spin < 0] = flow_of(orbit)
             fate = flows[orbit.spin < 0].fate(orbit)
@@ -212,6 +210,8 @@ class Classifier:
             return None
         if isinstance(fate, str):
             return Fate(fate, np.nan, np.nan, None)
+        if fate.kind == NEUTRAL:
+            return Fate(NEUTRAL, 0.0 if self.mirrors.plane else -np.inf, np.inf, orbit)
         orbits = fate.orbits if isinstance(fate, Cycle) else [fate.orbit]
         spins = [abs(one.spin) if self.mirrors.plane else one.spin for one in orbits]
         return Fate(fate.kind, min(spins), max(spins), orbits[int(np.argmin(spins))])
