@@ -245,6 +245,7 @@ QUANTITIES = {
     "sustained_time": Quantity(
         "s", "time in which what is off that spin falls by a factor of e, or once round a cycle"
     ),
+    "observer_error": Quantity("1", "why an observer of one's own gave nothing at this point"),
     # of a search
     "answer": Quantity("1", "answer to the question of the search"),
     "region": Quantity("1", "mode asked for where the answer is yes, else the one mode of all runs"),
@@ -260,7 +261,7 @@ QUANTITIES = {
 # what each mode of motion means; a backtick stands around what is a name
 MODE_MEANINGS = {
     "not_run": "the point has not been run",
-    "failed": "the run could not be finished; `status` says why",
+    "failed": "the run could not be finished, or the `max_seconds` that it was given were up; `status` says which",
     "rest": "both ends stay on the plate and stick; the dimer lies still, or rolls on at a `speed` that does not change",
     "drift": "the motion repeats every forcing period; the raised end lands once, the other one stays down nearly all the time",
     "jump": "both ends leave the plate and land almost together",
@@ -271,6 +272,27 @@ MODE_MEANINGS = {
     "rolls": "both ends stay on the plate and stick, and `speed` changes, as down a slope; it is that at the end",
     "slides": "both ends stay on the plate, and one or both slip; `speed` is that at the end",
 }
+
+# what the other words of a verdict mean: how the double impact of a drift ends, and what a settled motion draws on the plate
+DI_END_MEANINGS = {
+    "none": "there was no double impact, or the mode is not drift",
+    "sp_sp": "both ends slip when the double impact ends",
+    "sp_sk": "the end that stays down slips when the double impact ends, the other one sticks",
+    "sk_sp": "the end that stays down sticks when the double impact ends, the other one slips",
+    "sk_sk": "both ends stick when the double impact ends",
+}
+TRACK_MEANINGS = {
+    "none": "the motion has not settled, or both ends stay down",
+    "straight": "the heading has turned by less than 0.1 rad since the motion settled",
+    "arc": "the heading has turned by 0.1 rad or more, but not by a whole turn; ask for more periods to see it closed",
+    "circle": "the heading has made a whole turn; in the last one the circle's centre moved by less than 1 % of the path",
+    "loops": "the centre of the circle moved by more, and the velocity turned along with the heading",
+    "waves": "the velocity did not turn along with the heading: the centre moves faster than the circle turns",
+    "cusps": "in the last turn, or before the heading turned back, the velocity (its mean over a period) turned by more "
+    "than a right angle from one period to the next",
+    "reversals": "the heading turned back by more than 0.1 rad, without a cusp, and has made no whole turn since",
+}
+MOTIONS_PAGE = "docs/motions.md"  # which says more of each of these words
 
 # what a recorded run gives of each event, and of each moment
 EVENT_QUANTITIES = {

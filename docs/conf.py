@@ -31,6 +31,9 @@ MATHJAX_PARTS = ("tex-chtml.js", "input/tex/extensions", "output/chtml/fonts")  
 
 myst_enable_extensions = ["amsmath", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
+myst_html_meta = {  # what a search engine shows
+    "description": "Event-driven simulation of a dimer, two balls on a rod, that walks in a circle on a vibrating plate."
+}
 nb_execution_mode = "force"
 nb_execution_excludepatterns = ["notebooks/*"]  # a test compares what is stored in them with what they give
 nb_execution_raise_on_error = True
@@ -53,6 +56,7 @@ html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_title = f"dimersweep {version}"
+html_favicon = "_static/favicon.svg"
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
 

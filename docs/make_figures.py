@@ -1,5 +1,6 @@
-"""Make the pictures of the README: ``python docs/make_figures.py`` writes them into docs/figures."""
+"""Make pictures of the README, and movies of the motions: ``python docs/make_figures.py`` writes them into docs/figures."""
 
+import re
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -8,6 +9,13 @@ from dimersweep import simulate
 from dimersweep.plots import DPI, contact_legend, heights, last_cycle, orbit, portrait
 
 FOLDER = Path(__file__).parent / "figures"
+COMMAND = re.compile(r"^dimersweep simulate (.*)--periods (\d+) --movie (\w+)\.gif$", re.MULTILINE)
+
+
+def motions() -> dict[str, tuple[int, dict[str, str]]]:
+    """The commands of the page of the motions: periods and parameters by the name of the movie."""
+    page = (FOLDER.parent / "motions.md").read_text(encoding="utf-8")
+    return {name: (int(n), dict(re.findall(r"--(\w+) (\S+)", given))) for given, n, name in COMMAND.findall(page)}
 
 
 def main() -> None:
@@ -29,7 +37,12 @@ def main() -> None:
     orbit(path.subplots(), run)
     path.savefig(FOLDER / "orbit.png", dpi=DPI)
 
+    for name, (periods, parameters) in motions().items():  # six periods in three seconds
+        run = simulate(**parameters, periods=periods)
+        speed = 2 / run.parameters["f"]
+        run.animate(FOLDER / "motions" / f"{name}.gif", periods=6, speed=speed, fps=12, dpi=70, force=True)
+
 
 if __name__ == "__main__":
-    FOLDER.mkdir(exist_ok=True)
+    (FOLDER / "motions").mkdir(parents=True, exist_ok=True)
     main()

@@ -9,13 +9,14 @@ from IPython.display import Markdown
 
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.cubes.grid import MAX_POINTS
-from dimersweep.cubes.results import RESULT
-from dimersweep.kernel.model.layout import HARMONICS, STATUS_MESSAGES, STATUSES
+from dimersweep.cubes.results import POINT_MESSAGES, POINT_STATUSES, RESULT
+from dimersweep.kernel.model.layout import HARMONICS
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.orbit import COLUMNS, MULTIPLIERS, TEXTS
 from dimersweep.parameters import RULES
 from dimersweep.symbols import (
     BASE,
+    DI_END_MEANINGS,
     ENDS,
     EVENT_QUANTITIES,
     FORCES,
@@ -27,6 +28,7 @@ from dimersweep.symbols import (
     QUANTITIES,
     SETTINGS,
     STATE_QUANTITIES,
+    TRACK_MEANINGS,
     WORKS,
     Quantity,
     symbol,
@@ -40,25 +42,9 @@ WORDS = {
     "mode": MODE_MEANINGS,
     "outcome": MODE_MEANINGS,
     "region": MODE_MEANINGS | {"mixed": "the runs led to several modes, and none of them is the one asked for"},
-    "status": dict(zip(STATUSES, STATUS_MESSAGES, strict=True)),
-    "di_end": {
-        "none": "there was no double impact, or the mode is not drift",
-        "sp_sp": "both ends slip",
-        "sp_sk": "the end that stays down slips, the other one sticks",
-        "sk_sp": "the end that stays down sticks, the other one slips",
-        "sk_sk": "both ends stick",
-    },
-    "track": {
-        "none": "the motion has not settled, or both ends stay down",
-        "straight": "the heading has turned by less than 0.1 rad since the motion settled",
-        "arc": "it has turned by more, but not by a whole turn",
-        "circle": "the heading has made a whole turn; in the last one the circle's centre moved by less than 1 % of the path",
-        "loops": "the centre moved by more, and the velocity turned along with the heading",
-        "waves": "the velocity did not turn along: the centre moves faster than the circle turns",
-        "cusps": "in the last turn, or before the heading turned back, the velocity (its mean over a period) turned by more "
-        "than a right angle from one period to the next",
-        "reversals": "the heading turned back by more than 0.1 rad, without a cusp, and has made no whole turn since",
-    },
+    "status": dict(zip(POINT_STATUSES, POINT_MESSAGES, strict=True)),
+    "di_end": DI_END_MEANINGS,
+    "track": TRACK_MEANINGS,
     "answer": {
         "not_run": "the point has not been searched",
         "no": "certain: no",
@@ -246,6 +232,7 @@ def presets() -> Markdown:
         marks = {declared.get("search", {}).get("over"): " (searched)"}
         if declared["sweep"].get("carry"):
             marks[list(declared["grid"])[-1]] = " (the state is carried along it)"
-        axes = ", ".join(f"`{axis}`{marks.get(axis, '')}" for axis in declared["grid"])
+        varied = declared.get("grid") or declared["points"]["columns"]
+        axes = ", ".join(f"`{axis}`{marks.get(axis, '')}" for axis in varied)
         rows.append((f"`{name}`", declared["sweep"]["title"], axes))
     return _table(("name", "what it holds", "axes"), rows)

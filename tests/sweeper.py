@@ -8,6 +8,7 @@ import dimersweep.runs.solving
 from dimersweep import make, sweep
 from dimersweep.studies.declared import read_declaration
 from dimersweep.studies.search import search
+from tests.own_observers import spectral
 
 GRID = {"Gamma": [0.5, 0.9, 1.2], "beta0": {"start": 0.2, "stop": 80, "num": 110, "unit": "deg"}}
 SETTINGS = {"fixed": {"mu": 0.15}, "periods": 50}
@@ -17,10 +18,13 @@ TURNED = {"e": [0.45, 0.5, 0.55, 0.6, 0.65], "Gamma": {"start": 0.75, "stop": 1.
 CARRY = {"carry": "both", "periods": 60, "strobes": 3}
 SMALL_MAP = Path(__file__).parents[1] / "sweeps" / "fig08-small.toml"
 
+OBSERVED = {"Gamma": [0.6, 0.8, 0.9, 1.0], "beta0": {"start": 0.1, "stop": 0.6, "num": 12}}
+
 MAKERS = {
     "sweep": lambda out, **how: sweep(GRID, **SETTINGS, out=out, progress=False, **how),
     "search": lambda out, **how: search(SEARCHED, **SEARCH, out=out, progress=False, **how),
     "carry": lambda out, **how: sweep(TURNED, **CARRY, out=out, progress=False, **how),
+    "observed": lambda out, **how: sweep(OBSERVED, periods=60, observe=spectral, out=out, progress=False, **how),
     "map": lambda out, **how: make(read_declaration(SMALL_MAP), out, progress=False, **how),
 }
 

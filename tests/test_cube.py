@@ -36,7 +36,7 @@ def test_points_land_where_the_grid_says(cube):
 
 
 def test_labels_are_int8_flags_with_meanings(cube):
-    for name, words in (("mode", MODES), ("status", STATUSES), ("di_end", DI_ENDS)):
+    for name, words in (("mode", MODES), ("status", (*STATUSES, "observer")), ("di_end", DI_ENDS)):
         assert cube[name].dtype == np.int8
         assert cube[name].attrs["flag_values"].dtype == np.int8
         assert cube[name].attrs["flag_meanings"].split() == list(words)

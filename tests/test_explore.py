@@ -45,7 +45,8 @@ def sample():
 def test_a_run_is_told_as_it_is_drawn():
     told = json.loads(json.dumps(LivePage().run({"Gamma": "1.1", "beta0": "20 deg", "shown": "start", "stretch": "2"})))
     run = dimersweep.simulate(Gamma=1.1, beta0="20 deg", periods=200, stop_when_settled=True)
-    assert (told["mode"], told["color"], told["says"]) == (run.mode, MODE_COLORS[run.mode], MODE_MEANINGS[run.mode])
+    assert (told["mode"], told["color"]) == (run.mode, MODE_COLORS[run.mode])
+    assert told["says"] == f"{MODE_MEANINGS[run.mode]} (docs/motions.md)"
     assert told["numbers"][0] == ["periods", f"{run.n_periods} of 0.06667 s"]
     assert told["given"] == {"Gamma": "1.1", "beta0": "20"}
     assert len(told["cycles"]) == 200 and told["pace"] == 1500

@@ -374,7 +374,7 @@ def test_a_store_that_tells_anything(left_behind, value, name):
 # --- the command line ---------------------------------------------------------------------------------------------------
 
 VALUES = st.sampled_from(
-    ["", "nan", "inf", "-1", "1e999", "abc", "0x10", "1,5", "--Gamma", "\x00", "é", "[1]", "None", "2 3", "2**3"]
+    ["", "nan", "inf", "-inf", "1e999", "abc", "0x10", "1,5", "--Gamma", "\x00", "é", "[1]", "None", "2 3", "2**3"]
 )
 WORDS = st.sampled_from(
     ["simulate", "run", "plan", "status", "plot", "--periods", "--rtol", "--out", "--from", "--plot", "--workers",

@@ -44,7 +44,8 @@ def test_every_figure_of_a_notebook_is_a_picture(path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "least"), [("figures", 8), ("datasets", 8), ("imperfect", 4), ("orbits", 2), ("slow_time", 3)]
+    ("name", "least"),
+    [("figures", 8), ("datasets", 8), ("imperfect", 4), ("orbits", 2), ("observers", 2), ("slow_time", 3)],
 )
 def test_a_notebook_gives_what_is_stored_in_it(name, least, maker, small_cubes, monkeypatch):
     monkeypatch.setenv("DIMERSWEEP_CUBES", str(small_cubes))

@@ -1,6 +1,6 @@
 """What is refused is told in one line, before any work: calls and lines in ``data/refusals.toml``."""
 
-from functools import reduce
+from functools import partial, reduce
 from math import inf, nan, pi
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +15,7 @@ from dimersweep import (
     bifurcation,
     explore,
     names,
+    observer,
     open_cube,
     orbits,
     plots,
@@ -34,6 +35,7 @@ from dimersweep.parameters import Parameters
 from dimersweep.plots import draw
 from dimersweep.studies.border_files import read_borders
 from dimersweep.studies.declared import read_declaration
+from tests import own_observers
 from tests.checks.cubes import cube_of, radii
 from tests.checks.data import DATA, data, is_told
 from tests.seams import no_work
@@ -75,6 +77,7 @@ WORDS = {
     "check_rtol": check_rtol, "check_count": check_count, "make_grid": make_grid, "sweep": sweep, "search": search,
     "refine": refine, "bifurcation": bifurcation, "attractors": attractors, "simulate": simulate, "orbits": orbits,
     "fit": fit, "Measured": Measured, "circle": circle, "plots": plots, "draw": draw, "open_cube": open_cube, "names": names,
+    "observer": observer, "own": own_observers, "partial": partial,
     "exponents": exponents, "radii": radii, "declared": declared, "borders": borders, "points": points, "table": table,
     "explore": explore, "LivePage": LivePage, "Figure": Figure,
     "NESTED": reduce(lambda inner, _: [inner], range(5000), 1.0),

@@ -85,7 +85,7 @@ def test_zarr(serial, tmp_path, monkeypatch):
 def others(serial, tmp_path_factory):
     """Of each kind, the cube that nothing has disturbed: but for the sweep, in one thread and without any file."""
     made = {"sweep": serial}
-    for kind in ("search", "map", "carry"):
+    for kind in ("search", "map", "carry", "observed"):
         made[kind] = MAKERS[kind](None, workers=1)
     return made
 
@@ -124,7 +124,7 @@ def start(kind, out, workers):
     return subprocess.Popen(command, env=environment, cwd=out.parent)
 
 
-@pytest.mark.parametrize(("kind", "kills"), [("sweep", 3), ("search", 2), ("map", 2), ("carry", 2)])
+@pytest.mark.parametrize(("kind", "kills"), [("sweep", 3), ("search", 2), ("map", 2), ("carry", 2), ("observed", 2)])
 def test_kills_at_random_moments(others, tmp_path, kind, kills):
     out, chance = tmp_path / "cube.nc", random.Random(kills)
     done = []

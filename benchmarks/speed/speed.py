@@ -1,8 +1,8 @@
 """Speed of the engine as a whole: ``python benchmarks/speed/speed.py``.
 
 Forcing periods a second in the drift of the base case, what a period costs over rtol in several scenes with the exponent of
-its growth, the time to import, to compile and to start from the cache, and the time of the sweep of Fig. 7. The verbs are
-timed one by one by ``compare.py``.
+its growth, the time to import, to compile and to start from the cache, the time of the sweep of Fig. 7, and what an observer
+adds to a sweep. The verbs are timed one by one by ``compare.py``.
 """
 
 import argparse
@@ -16,8 +16,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numba import njit
 
-from dimersweep import simulate, sweep
+from dimersweep import observer, simulate, sweep
 from dimersweep.cubes.cube import blank
 from dimersweep.kernel.batch import run_many
 from dimersweep.parameters import Parameters
@@ -113,6 +114,55 @@ def fig07_time(workers: int) -> tuple[float, int]:
     return time.perf_counter() - begun, cube["mode"].size
 
 
+@observer(events={"units": "1", "long_name": "events of the run"})
+def bare(run):
+    """An observer that looks at nothing that was recorded."""
+    return {"events": run.n_events}
+
+
+@observer(events={"units": "1", "long_name": "events of the run"})
+def sampled(run):
+    """One that takes 128 states."""
+    run.states(run.duration - np.arange(min(128, 16 * run.n_periods)) / 16 / run.parameters["f"])
+    return {"events": run.n_events}
+
+
+@observer(rate={"units": "rad s-1", "long_name": "mean of theta's rate"})
+@njit
+def compiled(end, run, row):
+    """One that Numba compiles."""
+    row[0] += end.theta_rate / run.n_periods
+
+
+OBSERVERS = {"compiled": compiled, "in Python, looks at no state": bare, "in Python, takes 128 states": sampled}
+
+
+def observer_ratios(repeats: int, periods: int, *, settle: bool) -> dict[str, np.ndarray]:
+    """Times of a sweep with each observer over those of the same sweep without one, in turn, on one thread."""
+    grid = {"Gamma": np.linspace(0.7, 1.3, 12), "beta0": np.linspace(0.1, 1.0, 10)}
+    how = {"periods": periods, "stop_when_settled": settle, "workers": 1, "progress": False}
+
+    def timed(observe=None) -> float:
+        begun = time.process_time()
+        sweep(grid, observe=observe, **how)
+        return time.process_time() - begun
+
+    for each in (None, *OBSERVERS.values()):
+        timed(each)  # compiles
+    rounds = [(timed(), [timed(each) for each in OBSERVERS.values()]) for _ in range(repeats)]
+    return {name: np.array([times[k] / plain for plain, times in rounds]) for k, name in enumerate(OBSERVERS)}
+
+
+def print_observers(repeats: int) -> None:
+    """Print what observers cost, of runs that stop when they have settled and of runs of one length."""
+    print("time of a sweep with an observer over that without: median (least to greatest)")
+    for settle, periods in ((True, 400), (False, 400)):
+        kind = "stop when settled" if settle else f"{periods} periods each"
+        for name, ratios in observer_ratios(repeats, periods, settle=settle).items():
+            low, middle, high = np.quantile(ratios, (0, 0.5, 1))
+            print(f"{kind:20s} {name:30s} {middle:5.2f} ({low:.2f} to {high:.2f})", flush=True)
+
+
 def main(arguments: list[str] | None = None) -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -122,8 +172,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--scenes", nargs="*", choices=list(SCENES), default=list(SCENES))
     parser.add_argument("--skip-start", action="store_true", help="leave out the import and the compilation")
     parser.add_argument("--skip-sweep", action="store_true", help="leave out the sweep")
+    parser.add_argument("--observers", action="store_true", help="what observers cost, alone")
     given = parser.parse_args(arguments)
     simulate(periods=1, record=False)
+    if given.observers:
+        print_observers(given.repeats)
+        return
     print("rtol    forcing periods/s of the base drift")
     for rtol in RTOLS:
         print(f"{rtol:.0e}   {1 / period_cost({}, rtol, given.periods, given.repeats):8.0f}")

@@ -161,6 +161,8 @@ def print_cube(cube: "xr.Dataset") -> None:
     from dimersweep.cubes.findings import drift_lengths, search_summary
     from dimersweep.storage.cubefiles import modes_in
 
+    if "observer_error" in cube:
+        _print_errors(cube["observer_error"])
     if "answer" in cube:
         typer.echo(search_summary(cube))
         return
@@ -177,6 +179,13 @@ def print_cube(cube: "xr.Dataset") -> None:
     units = PARAMETERS[name].units
     for value, length in zip(lengths[name].values, lengths.values, strict=True):
         typer.echo(f"{name} = {value:g} {units}: initial dip angles that drift make up {length:.4f} rad in all")
+
+
+def _print_errors(errors: "xr.DataArray") -> None:
+    """What an observer of one's own has raised, each with the number of points."""
+    told = Counter(text.decode() for text in errors.values.ravel().tolist() if text)
+    for text, count in told.most_common():
+        typer.echo(f"status observer {count}: {text}")
 
 
 def _print_loops(cube: "xr.Dataset") -> None:

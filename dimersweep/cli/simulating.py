@@ -58,6 +58,7 @@ def simulate(
     recorded = error or bool(plot or movie or save)
     with interruptible(save, plot, movie):
         report_compiling()
+        from dimersweep.cubes.seen_run import meanings
         from dimersweep.runs.simulating import simulate
         from dimersweep.runs.solving import check_recorded
 
@@ -70,6 +71,8 @@ def simulate(
         else:
             typer.echo(in_lines(run.conditions()))
             _print_table(run, bounds)
+            for word, meaning in meanings(run).items():
+                typer.echo(in_lines(f"{word}: {meaning}"))
         if save is not None:  # first: a movie may take long
             run.save(save, force=force)
         if plot is not None:

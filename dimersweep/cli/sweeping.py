@@ -18,6 +18,10 @@ Carry = Annotated[
     str | None,
     option("Carry the state on along the last axis, from value to value: for hysteresis.", metavar="up|down|both"),
 ]
+Observe = Annotated[
+    str | None,
+    option("Observer of your own: what it makes of each run stands in the cube.", metavar="MODULE:NAME"),
+]
 Declared = Annotated[Path | None, argument("SWEEP.toml", PRESET)]
 
 
@@ -41,6 +45,7 @@ def run(
     other_kernel: Annotated[bool, option("With --from: go on though numbers may differ.", "--other-kernel")] = False,
     certify: Annotated[bool, option("Say how sure each mode is; about 2.5 times the time.", "--certify")] = False,
     carry: Carry = None,
+    observe: Observe = None,
     plot: Annotated[bool, option("Draw the cube beside its file.")] = True,
     force: Force = False,
 ) -> None:
@@ -58,7 +63,7 @@ def run(
         from dimersweep.storage.provenance import as_text, digest
         from dimersweep.studies.making import make_cube
 
-        study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry)
+        study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry, observe=_here(observe))
         if plot and not cube_file.exists():
             check_kind(declared, study)
             check_picture_of(digest(as_text(study.configuration())), picture, force=forced)
@@ -97,6 +102,14 @@ def _declared(
     return from_cube(source, other_kernel=other_kernel)
 
 
+def _here(observe: str | None) -> str | None:
+    """An observer that is named, whose module is looked for in the working folder, too."""
+    from dimersweep.studies.observing import look_in
+
+    look_in(Path())
+    return observe
+
+
 def plan(
     declaration: Annotated[Path, argument("SWEEP.toml", PRESET)],
     *,
@@ -104,6 +117,7 @@ def plan(
     periods: Periods = None,
     rtol: Rtol = None,
     carry: Carry = None,
+    observe: Observe = None,
 ) -> None:
     """Print points, size and time of a declared sweep from a timed sample; nothing is written."""
     from dimersweep.studies.planning import plan
@@ -111,14 +125,14 @@ def plan(
     from dimersweep.work.progress import report_compiling
 
     declared = _declared(declaration)
-    study = declared.study(periods=periods, rtol=rtol, carry=carry)
+    study = declared.study(periods=periods, rtol=rtol, carry=carry, observe=_here(observe))
     threads = make_options(workers=workers).workers
     report_compiling()
     for line in plan(study, threads, Path(declared.sweep.output)).lines():
         typer.echo(line)
 
 
-def status(out: Annotated[Path, argument("CUBE", "Cube to be, as the sweep was given it.")]) -> None:
+def status(out: Annotated[Path, argument("CUBE", "Path of the cube that the sweep writes, finished or not.")]) -> None:
     """Print how far the sweep for a cube has come, and whether a process is at work on it."""
     from dimersweep.studies.status import status
 

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.grid import DIRECTIONS, Grid
-from dimersweep.cubes.results import Field, blank_results
+from dimersweep.cubes.results import POINT_STATUSES, Field, blank_results
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import CODE_WORDS, CODES, MODES, N_CODES, N_OUT, OUT, ROW
 from dimersweep.parameters import completed
@@ -17,6 +17,7 @@ from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 
 FLAGS = {
     **CODE_WORDS,
+    "status": POINT_STATUSES,
     "outcome": MODES,
     "answer": ("not_run", "no", "yes", "unsure"),
     "region": (*MODES, "mixed"),
@@ -55,11 +56,15 @@ def labelled(values: xr.Variable, quantity: Quantity) -> xr.Variable:
 
 
 def variable(name: str, dims: tuple[str, ...], values: np.ndarray, quantity: Quantity | None = None) -> xr.Variable:
-    """Results with their unit: floats, NaN where they have no meaning; flags as int8, counts as int64.
+    """Results with their unit: floats, NaN where they have no meaning; flags as int8, counts as int64; texts.
 
     A long run has more events than 32 bits can count.
     """
     quantity = quantity or QUANTITIES[name]
+    if values.dtype.kind == "S":
+        text = xr.Variable(dims, values, {"long_name": quantity.long_name})
+        text.encoding.update(PACKED, _FillValue=None)
+        return text
     kind: type = np.int8 if name in FLAGS else float if values.dtype.kind == "f" else np.int64
     attributes = quantity.attributes(kind)
     if name in FLAGS:

@@ -212,6 +212,11 @@ class Grid:
         places = np.unravel_index(points, self.shape)
         return {name: values[k] for (name, values), k in zip(self.axes.items(), places, strict=True)}
 
+    def given(self, number: int) -> dict[str, float]:
+        """The parameters that are given at a point."""
+        varied = {name: float(value) for name, value in self.values(number).items() if name != "direction"}
+        return self.fixed | varied
+
     def point(self, number: int) -> str:
         """Such as ``point 7 (Gamma = 0.9, beta0 = 0.2)``."""
         values = self.values(number).items()

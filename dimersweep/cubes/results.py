@@ -16,9 +16,18 @@ from dimersweep.kernel.model.layout import (
     N_OUT,
     NOT_RUN,
     OK,
+    STATUS_MESSAGES,
+    STATUSES,
 )
 from dimersweep.symbols import Quantity
 
+# statuses of points: those of the kernel, and one that it does not know
+OBSERVER_FAILED = len(STATUSES)
+POINT_STATUSES = (*STATUSES, "observer")
+POINT_MESSAGES = (
+    *STATUS_MESSAGES,
+    "the run reached its end, and the observer of one's own raised, or gave what it had not declared",
+)
 RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])  # of the run of one point
 
 
@@ -56,6 +65,11 @@ class Field(NamedTuple):
     def shape(self) -> tuple[int, ...]:
         """Of its values at one point."""
         return () if self.along is None else (self.along.values.size,)
+
+    @property
+    def size(self) -> int:
+        """Number of its values at one point."""
+        return 1 if self.along is None else self.along.values.size
 
 
 def kind_with(fields: Iterable[Field]) -> np.dtype:
@@ -185,7 +199,14 @@ def not_ok(codes: np.ndarray) -> np.ndarray:
     return failed(codes) | not_run(codes)
 
 
+def why_failed(result: np.void) -> str:
+    """The status of a point that has failed, and what that means."""
+    status = int(result["codes"][CODE_STATUS])
+    told = bytes(result["observer_error"]).decode() if status == OBSERVER_FAILED else POINT_MESSAGES[status]
+    return f"{POINT_STATUSES[status]}: {told}"
+
+
 def tally(codes: np.ndarray) -> dict[str, int]:
-    """Number of points in each mode, from codes of shape (n, N_CODES)."""
-    values, counts = np.unique(codes[:, CODE_MODE], return_counts=True)
+    """Number of points in each mode, from codes of shape (n, N_CODES); all that have no result count as failed."""
+    values, counts = np.unique(np.where(failed(codes), M_FAILED, codes[:, CODE_MODE]), return_counts=True)
     return {MODES[value]: int(count) for value, count in zip(values, counts, strict=True)}

@@ -5,6 +5,8 @@ from typing import Any, Protocol
 
 import xarray as xr
 
+from dimersweep.symbols import DI_END_MEANINGS, MODE_MEANINGS, MOTIONS_PAGE, TRACK_MEANINGS
+
 
 class SeenRun(Protocol):
     """A motion that was run, as it is seen from outside; `Run` says what each of these is."""
@@ -17,6 +19,8 @@ class SeenRun(Protocol):
     def mode(self) -> str: ...
     @property
     def mode_period(self) -> int: ...
+    @property
+    def track(self) -> str: ...
     @property
     def n_events(self) -> int: ...
     @property
@@ -38,3 +42,11 @@ class SeenRun(Protocol):
     def states(self, t: Any) -> xr.Dataset: ...
     def energy(self, by: Any = ...) -> xr.Dataset: ...
     def section(self, at: Any = ..., *, phase: Any = None) -> xr.Dataset: ...
+
+
+def meanings(run: SeenRun) -> dict[str, str]:
+    """What the words of a verdict mean, by the word: first that of the mode, with the page that says more."""
+    di_end = run.orbit.di_end if run.orbit else "none"
+    said = {run.mode: f"{MODE_MEANINGS[run.mode].replace('`', '')} ({MOTIONS_PAGE})"}
+    said |= {run.track: TRACK_MEANINGS[run.track], di_end: DI_END_MEANINGS[di_end]}
+    return {word: text for word, text in said.items() if word != "none"}

@@ -6,7 +6,7 @@ from html import escape
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.seen_run import SeenRun
+from dimersweep.cubes.seen_run import SeenRun, meanings
 from dimersweep.kernel.model.layout import DOWN_WORDS, MODES
 from dimersweep.plots.style import MODE_COLORS, fixed_of, percent
 from dimersweep.storage.cubefiles import modes_in
@@ -16,7 +16,7 @@ SHOWN_OF_ORBIT = ("radius", "path_radius", "period", "zeta", "speed", "impact_ph
 
 
 def run_rows(run: SeenRun) -> list[tuple[str, str]]:
-    """What a run is, besides its mode: its parameters that are not the base case's, its orbit, each with its unit."""
+    """What a run is, besides its mode: parameters unlike the base case, its orbit with units; what its words mean."""
     rows = [
         ("parameters", run.conditions(always=()) or "the base case"),
         ("periods", f"{run.n_periods} of {1 / run.parameters['f']:.4g} s"),
@@ -30,12 +30,13 @@ def run_rows(run: SeenRun) -> list[tuple[str, str]]:
             rows.append((name.replace("_", " "), value))
     elif run.mode in DOWN_WORDS:
         rows.append(("both ends stay down", f"the centre of mass moves at {run.end_speed:.3g} m/s"))
-    return rows
+    return rows + list(meanings(run).items())[1:]
 
 
 def run_table(run: SeenRun) -> str:
-    """What a run is: its mode, and all of `run_rows`."""
-    return _table(f"Run: {_badge(run.mode)}{escape(repeats_in(run))}", run_rows(run))
+    """What a run is: its mode and what that means, and all of `run_rows`."""
+    rows = [("", meanings(run)[run.mode]), *run_rows(run)]
+    return _table(f"Run: {_badge(run.mode)}{escape(repeats_in(run))}", rows)
 
 
 def repeats_in(run: SeenRun) -> str:

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from dimersweep.cubes.seen_run import SeenRun
+from dimersweep.cubes.seen_run import SeenRun, meanings
 from dimersweep.inputs import check_count, number
 from dimersweep.parameters import reduced
 from dimersweep.plots.playback import BALLS, MARKS, MOST_FRAMES, ROD, Playback, frames, playback_of
 from dimersweep.plots.style import MODE_COLORS
 from dimersweep.plots.tables import repeats_in, run_rows
-from dimersweep.symbols import BASE, LEFT_OUT, MODE_MEANINGS, START, is_angle
+from dimersweep.symbols import BASE, LEFT_OUT, START, is_angle
 
 FRAMES_A_PERIOD = 100  # at most: curves are drawn through them
 TRACK_POINTS = 400  # of a whole run
@@ -52,7 +52,7 @@ def seen(run: SeenRun, playback: Playback, settings: Mapping[str, Any] | None = 
     return {
         "mode": run.mode + repeats_in(run),
         "color": MODE_COLORS[run.mode],
-        "says": MODE_MEANINGS[run.mode].replace("`", "") + ("" if run.status == "ok" else f" ({run.message})"),
+        "says": meanings(run)[run.mode] + ("" if run.status == "ok" else f" ({run.message})"),
         "conditions": run.conditions(),
         "numbers": run_rows(run)[1:],  # without the parameters, which are told
         "given": {name: as_shown(name, value) for name, value in changed(run).items()},

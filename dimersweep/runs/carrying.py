@@ -1,6 +1,7 @@
 """Runs in a line that carry their state on: each starts from the state that the one before it has ended in."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Unpack
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import Run, as_run, proven_run
-from dimersweep.runs.solving import RunSettings, Solved, run_row
+from dimersweep.runs.solving import Kept, RunSettings, Solved, run_row
 from dimersweep.runs.starting import fitted
 
 
@@ -18,6 +19,7 @@ def carried(
     space: Workspace,
     start: np.ndarray | None = None,
     before: np.ndarray | None = None,
+    **kept: Unpack[Kept],
 ) -> Iterator[Solved]:
     """Make runs one after the other; the first starts as its parameters say, or from `start`.
 
@@ -34,6 +36,8 @@ def carried(
     start : ndarray, shape (1, N_START), optional
     before : ndarray, shape (N_ROW,), optional
         Parameters that `start` comes from.
+    **kept
+        See `run_row`.
 
     Yields
     ------
@@ -42,7 +46,7 @@ def carried(
     for row in rows:
         if start is not None and before is not None:
             start = fitted(start, before, row)
-        solved = run_row(row, start, how, space)
+        solved = run_row(row, start, how, space, **kept)
         if is_stopped(space):
             return
         yield solved

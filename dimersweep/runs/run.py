@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.seen_run import meanings
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, as_numbers, check_count
 from dimersweep.kernel.batch import Workspace
@@ -130,6 +131,9 @@ class Run(RunNumbers):
         rest = f", both ends down at {self.end_speed:.3g} m/s" if self.mode in DOWN_WORDS else ""
         kept = f", {'record cut' if self._record else self.record_cut}" if self.record_cut else ""
         return f"<Run: {self.status}, {self.mode}{orbit}{rest}, {self.n_periods} periods, {self.n_events} events{kept}>"
+
+    def __str__(self) -> str:
+        return "\n".join([repr(self), *(f"{word}: {meaning}" for word, meaning in meanings(self).items())])
 
     def _repr_html_(self) -> str:
         from dimersweep.plots.tables import run_table

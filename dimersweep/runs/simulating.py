@@ -42,8 +42,8 @@ def simulate(
     rtol : float
         Accuracy of everything at once [1], 1e-13 to 1e-2.
     stop_when_settled : bool
-        Whether the run ends as soon as its motion has settled and its numbers stand: what they would still change by in the
-        other periods is below 1e-3 (docs/stopping.md).
+        Whether the run ends as soon as its motion has settled and its numbers stand: in the periods that are left they
+        would change by less than 1e-3 (docs/stopping.md).
     record : bool
         Whether events and states are kept, of at most 100,000 forcing periods; without them a run takes no memory and less
         time. A record of more than 2 million events is cut there, which `Run.events` and a warning say.

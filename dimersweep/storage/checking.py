@@ -85,7 +85,9 @@ def soundness(cube: xr.Dataset) -> str:
         return "whole" if complete else "part"
     if checksum_of(cube) == written:
         return "whole"
-    return "changed" if complete and set(cube.variables) <= {*PARAMETERS, *QUANTITIES, *SETTINGS, "point"} else "part"
+    observed = configuration_in(cube.attrs).get("observe", {}).get("variables", ()) if complete else ()
+    ours = {*PARAMETERS, *QUANTITIES, *SETTINGS, *observed, "point"}
+    return "changed" if complete and set(cube.variables) <= ours else "part"
 
 
 def check_unchanged(cube: xr.Dataset, path: str | Path) -> None:

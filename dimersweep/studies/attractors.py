@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import coordinate
 from dimersweep.cubes.grid import axis_values, make_points
+from dimersweep.cubes.results import Field
 from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
@@ -28,6 +30,7 @@ from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.studies.making import in_memory
 from dimersweep.studies.observers import EndStates, Observer
+from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Study
 from dimersweep.studies.telling_apart import Attractor, Classifier, distance, matched
 from dimersweep.symbols import PARAMETERS, START
@@ -72,6 +75,7 @@ def attractors(
     level: float = 0.95,
     confirm: int = 0,
     slow: bool = False,
+    observe: Any = None,
     out: str | os.PathLike[str] | None = None,
     force: bool = False,
     workers: int | None = None,
@@ -103,8 +107,8 @@ def attractors(
     periods, max_periods, rtol
         Of the runs, as in `sweep`; a run stops when its motion has settled.
     mirror : bool
-        Whether mirror images count as one motion: in the vertical plane of the axis and, of ends that are alike, with the
-        ends in each other's place.
+        Whether mirror images count as one motion: in the vertical plane of the axis and, where both ends are
+        alike, with the ends swapped.
     level : float
         Confidence of the intervals, in (0, 1).
     confirm : int
@@ -112,6 +116,8 @@ def attractors(
     slow : bool
         Whether starts are told apart by where their spin comes to in the end, as `orbits.later` says of an infinite time, and
         not by their family.
+    observe : callable or str, optional
+        An observer of your own, as in `sweep`: what it makes of the run of each start stands along `start`.
     out : path-like, optional
         NetCDF file to write the result to as well, with switches as 0 and 1.
     force : bool
@@ -163,9 +169,11 @@ def attractors(
         table[name] = np.repeat(values, len(next(iter(columns.values()))))
     drawn = make_points(table, fixed)
     _check_one_plate(drawn.fixed, table)
+    own = own_of(observe, drawn.size, how, others=(EndStates(),), axes=(*table, *_NAMES))
     study = Census(
         grid=drawn,
         how=how,
+        observers=(EndStates(), *own),
         starts=columns,
         over=name,
         values=values,
@@ -306,6 +314,10 @@ class Census(Study):
         if checks:
             table = [[row.get(k, False) for k in range(len(known))] for row in checks]
             data["confirmed"] = ((axis, "attractor"), table, _meaning("whether a longer run is still there"))
+        for each in (field for observer in self.observers[1:] for field in observer.fields):
+            data[each.name] = self._of_each_start(each, results[each.name], axis)
+            if each.along:
+                data = data.assign_coords({each.along.name: coordinate(*each.along)})
         if not self.over:
             data = data.isel({axis: 0})
         else:
@@ -344,6 +356,13 @@ class Census(Study):
         data["basin"] = ((axis, "start"), basin, _meaning("number of the attractor that a start leads to"))
         columns = {key: ("start", column, PARAMETERS[key].attributes()) for key, column in self.starts.items()}
         return data.assign_coords(columns)
+
+    def _of_each_start(self, field: Field, values: np.ndarray, axis: str) -> xr.Variable:
+        """What an observer tells of each start."""
+        dims = (axis, "start", *([field.along.name] if field.along else []))
+        if values.dtype.kind == "S":
+            values = values.astype(str)
+        return xr.Variable(dims, values.reshape(self.values.size, -1, *field.shape), field.quantity.attributes())
 
     def _classifier(self, k: int, results: np.ndarray) -> Classifier:
         """What tells the motions at one of the values apart."""
@@ -416,4 +435,9 @@ _CHANGE = (
     ("next", float, None, "value behind the change"),
     ("border", float, None, "where its orbit ends or loses its stability"),
     ("border_kind", str, "1", "kind of that border"),
+)
+# names that the result has besides the columns of its starts
+_NAMES = (
+    *("attractor", "start", "multiplier", "change", "value", "share", "share_low", "share_high", "basin", "confirmed"),
+    *("multipliers_real", "multipliers_imag", *_READ, *_FATE, *(name for name, *_ in _CHANGE)),
 )

@@ -20,6 +20,7 @@ from dimersweep.storage.outputs import check_ending
 from dimersweep.storage.provenance import differences
 from dimersweep.studies import refine, search, sweep
 from dimersweep.studies.making import make_cube
+from dimersweep.studies.observing import look_in
 from dimersweep.studies.point_tables import point_table
 from dimersweep.studies.study import Study
 from dimersweep.symbols import PARAMETERS, Picture
@@ -43,6 +44,8 @@ class SweepSection(SweepFileSection):
     strobes: int = 0
     carry: Literal["up", "down", "both"] | None = None
     sustained: bool = False
+    observe: str | None = None
+    observe_with: dict[str, Any] = Field(default_factory=dict)
     output: Annotated[str, AfterValidator(partial(check_ending, name="sweep.output"))]
 
 
@@ -99,7 +102,13 @@ class Declaration(SweepFileSection):
     plot: PlotSection = Field(default_factory=PlotSection)
 
     def study(
-        self, *, periods: int | None = None, rtol: float | None = None, certify: bool = False, carry: str | None = None
+        self,
+        *,
+        periods: int | None = None,
+        rtol: float | None = None,
+        certify: bool = False,
+        carry: str | None = None,
+        observe: Any = None,
     ) -> Study:
         """What the sections say together, checked.
 
@@ -111,6 +120,8 @@ class Declaration(SweepFileSection):
             Whether to certify what was not declared to be, see `sweep`.
         carry : str, optional
             In place of the declared one.
+        observe : callable or str, optional
+            In place of the declared one and its arguments.
 
         Raises
         ------
@@ -120,6 +131,8 @@ class Declaration(SweepFileSection):
             "periods": self.sweep.periods if periods is None else periods,
             "max_periods": self.sweep.max_periods if periods is None else None,
             "rtol": self.sweep.rtol if rtol is None else rtol,
+            "observe": observe or self.sweep.observe,
+            "observe_with": None if observe else self.sweep.observe_with,
         }
         certify, carry = certify or self.sweep.certify, carry or self.sweep.carry
         if self.grid is None and self.points is None:
@@ -250,7 +263,8 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     ----------
     path : path-like
         TOML with the sections ``[sweep]``, ``[grid]`` or ``[points]``, and optionally ``[fixed]``, ``[search]``,
-        ``[refine]``, ``[paths]`` and ``[plot]``. A file of points is looked for beside it.
+        ``[refine]``, ``[paths]`` and ``[plot]``. A file of points is looked for beside it, and so is the module of an
+        observer.
 
     Returns
     -------
@@ -275,6 +289,7 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     def check_whole(declared: Declaration) -> None:
         if declared.points is not None and declared.points.file is not None:
             declared.points.file = str(path.parent / declared.points.file)
+        look_in(path.parent)
         declared.study()
 
     return read_sections(path, Declaration, check_whole, _of_parameters)
@@ -287,6 +302,7 @@ def make(
     periods: int | None = None,
     rtol: float | None = None,
     certify: bool = False,
+    observe: Any = None,
     **options: Any,
 ) -> xr.Dataset:
     """Make the cube of a declaration, and write it.
@@ -300,6 +316,8 @@ def make(
         In place of the declared ones.
     certify : bool
         As in `sweep`; a search takes none.
+    observe : callable or str, optional
+        As in `sweep`, in place of the declared one.
     **options
         As in `sweep`.
 
@@ -322,7 +340,7 @@ def make(
     >>> dict(cube.sizes)
     {'f': 3, 'beta0': 44}
     """
-    study = declared.study(periods=periods, rtol=rtol, certify=certify)
+    study = declared.study(periods=periods, rtol=rtol, certify=certify, observe=observe)
     options.setdefault("attrs", declared.attrs)
     return make_cube(study, out=out, **options)
 
@@ -366,6 +384,9 @@ def _declared(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os
     """The declaration of a sweep, a search or a refined map with this configuration."""
     sweep: dict[str, Any] = {name: configuration[name] for name in ("periods", "rtol")}
     sweep |= {"title": cube.attrs["title"], "max_periods": configuration.get("max_periods"), "output": str(path)}
+    if "observe" in configuration:
+        look_in(Path(path).parent)
+        sweep |= {"observe": configuration["observe"]["name"], "observe_with": configuration["observe"]["arguments"]}
     given: dict[str, Any] = {"fixed": configuration["fixed"], "plot": {"kind": cube.attrs.get("plot", "mode_map")}}
     if "search" in configuration:
         asked = dict(configuration["search"])

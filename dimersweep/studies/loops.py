@@ -42,11 +42,14 @@ class LoopEnd(NamedTuple):
         The two values; NaN both where the loop is not closed on the axis.
     modes : tuple of int
         Modes of motion, codes, on the way up and down at the value inside.
+    inside : int
+        Number of the value of the axis that is next to it, inside the loop.
     """
 
     below: float
     above: float
     modes: tuple[int, int]
+    inside: int
 
 
 Ends = tuple[LoopEnd, LoopEnd]  # of a loop, the low one and the high one
@@ -73,7 +76,8 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
         Along `loop`, one after the other on each line of the cube, in the unit of the axis: `low` and `high`, the middles of
         the steps in which its ends lie, with `low_error` and `high_error`, half the lengths of these; NaN for an end that lies
         beyond the axis. Besides the values of the other axes, and the modes on the way up and down next to each end inside
-        the loop, such as `mode_up_low`. The attribute `cost` is the number of forcing periods that were run.
+        the loop, such as `mode_up_low`; and where the cube has an observer, what that tells at the value of the axis next to
+        each end inside the loop, such as `peak_up_low`. The attribute `cost` is the number of forcing periods that were run.
 
     Raises
     ------
@@ -93,7 +97,8 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
         raise ParameterError(f"within = {within}: must be > 0")
     if not isinstance(cube, xr.Dataset) or cube.sizes.get("direction", 0) != len(DIRECTIONS):
         raise ParameterError("loops: the cube has not both directions; make it with carry='both'")
-    *_, axis = json.loads(cube.attrs["configuration"])["grid"]
+    configuration = json.loads(cube.attrs["configuration"])
+    *_, axis = configuration["grid"]
     cube = cube.sel(direction=[UP, DOWN]).sortby(axis)
     others = [str(name) for name in cube["mode"].dims if name not in ("direction", axis)]
     motions = {
@@ -113,6 +118,8 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
             cost += there.cost
         found += [(line, pair) for pair in ends]
     table = _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
+    for name in cube.data_vars.keys() & {*configuration.get("observe", {}).get("variables", ())}:
+        table = table.assign(_observed(cube[name].transpose(*others, "direction", axis, ...), len(others), found))
     return table.assign_attrs(axis=axis, cost=cost)
 
 
@@ -125,7 +132,8 @@ def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[
         beyond = np.full(2, np.nan)
         below = values[first - 1 : first + 1] if first else beyond
         above = values[stop - 1 : stop + 1] if stop < values.size else beyond
-        yield LoopEnd(below[0], below[1], low), LoopEnd(above[0], above[1], high)
+        at = known[[first, stop - 1]].tolist()
+        yield LoopEnd(below[0], below[1], low, at[0]), LoopEnd(above[0], above[1], high, at[1])
 
 
 def _line_through(point: xr.Dataset) -> Study:
@@ -174,7 +182,7 @@ class CarriedLine:
         """An end between values of the axis, located by halving; `inside` is 0 if the loop lies below it, 1 if above."""
         if np.isnan(end.below):
             return end
-        below, above, modes = end
+        below, above, modes, _ = end
         k, j = (int(np.searchsorted(self.values, value)) for value in (below, above))
         up, down = self.ends[UP][k], self.ends[DOWN][j]
         while above - below > 2 * within:  # half of it is the error
@@ -192,7 +200,7 @@ class CarriedLine:
                 above, down = middle, falling.onward
             else:
                 below, up = middle, rising.onward
-        return LoopEnd(below, above, modes)
+        return LoopEnd(below, above, modes, end.inside)
 
 
 def _motion(solved: Solved) -> tuple[int, int]:
@@ -219,3 +227,14 @@ def _table(cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: li
         table[f"mode_{word}_{which}"] = flags
     number = Quantity("1", "number of the loop")
     return table.assign_coords(loop=coordinate("loop", np.arange(len(found)), number))
+
+
+def _observed(variable: xr.DataArray, others: int, found: list[tuple[int, Ends]]) -> dict[str, xr.Variable]:
+    """What an observer tells next to the ends of loops, from a variable over other axes, direction, the axis, and its own."""
+    values, dims = variable.values.reshape(-1, *variable.shape[others:]), ("loop", *variable.dims[others + 2 :])
+    lines = np.array([line for line, _ in found], dtype=int)
+    told = {}
+    for (k, which), (way, word) in product(enumerate(SIDES), enumerate(DIRECTIONS)):
+        inside = np.array([pair[k].inside for _, pair in found], dtype=int)
+        told[f"{variable.name}_{word}_{which}"] = xr.Variable(dims, values[lines, way, inside], variable.attrs)
+    return told

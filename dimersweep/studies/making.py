@@ -262,7 +262,8 @@ def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
         study.check_fits()
     elif not study.by_blocks:
         raise ParameterError(
-            f"out = {out}: only a sweep of a whole grid is written as {written.name}; give a NetCDF file"
+            f"out = {out}: only a sweep of a whole grid with one number for each variable is written as {written.name}; "
+            "give a NetCDF file"
         )
     written.check()
     if out is None:

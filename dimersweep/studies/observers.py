@@ -1,6 +1,7 @@
 """Observers: what a study adds to the numbers of each point's run, how it is computed, and how it is kept and labelled."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import nan
 from typing import Any, ClassVar, NamedTuple
@@ -16,7 +17,7 @@ from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import states_of
 from dimersweep.runs.run import simulate_checked
 from dimersweep.runs.shadows import certified
-from dimersweep.runs.solving import MAX_RECORDED, RunSettings, exactly, run_all_patiently, run_row
+from dimersweep.runs.solving import MAX_RECORDED, Kept, RunSettings, Solved, exactly, run_all_patiently, run_row
 from dimersweep.symbols import QUANTITIES, STATE_QUANTITIES, Quantity
 
 MAX_NUMBERS = 20_000_000  # of strobes, or of positions, in one cube, which is held in memory
@@ -33,23 +34,32 @@ class Ran(NamedTuple):
     how : RunSettings
     results : ndarray, shape (n,)
         Of the study's kind: `out` and `codes` are there, and what observers before have filled in.
-    start : ndarray, shape (1, N_START), optional
-        State and friction modes that all of them started from, in place of the starts in `rows`.
-    ends : ndarray, shape (n, N_START), optional
-        Where their states are carried on from, see `Solved.onward`: for an observer that asks for it.
+    solved : Solved, optional
+        Of a run that was made by itself: its start, its end, and what an observer has asked for.
+    given : mapping of str to float, optional
+        Of such a run, the parameters that its study gives.
+    strobes : ndarray, shape (n, ..., N_STROBE), optional
+        Of the ends of the forcing periods of each, if an observer has asked for them.
     """
 
     rows: np.ndarray
     how: RunSettings
     results: np.ndarray
-    start: np.ndarray | None = None
-    ends: np.ndarray | None = None
+    solved: Solved | None = None
+    given: Mapping[str, float] | None = None
+    strobes: np.ndarray | None = None
+
+    @property
+    def start(self) -> np.ndarray | None:
+        """State and friction modes that it started from, shape (1, N_START), in place of the start in its row."""
+        return None if self.solved is None else self.solved.start
 
 
 class Observer(ABC):
     """What is known of each point besides the numbers of its run."""
 
-    needs_ends: ClassVar[bool] = False  # then points are run one by one
+    # of each run: its strobes; or its end or its record, for which points are run one by one
+    needs: ClassVar[frozenset[str]] = frozenset()
 
     @property
     def fields(self) -> tuple[Field, ...]:
@@ -59,6 +69,14 @@ class Observer(ABC):
     def settings(self) -> dict[str, Any]:
         """What it adds to a configuration, as JSON can hold it."""
         return {}
+
+    def check_here(self) -> None:  # noqa: B027 - most take nothing
+        """Refuse a process that lacks something it takes.
+
+        Raises
+        ------
+        ParameterError
+        """
 
     @abstractmethod
     def observe(self, ran: Ran, space: Workspace) -> None:
@@ -232,13 +250,24 @@ class Paths(Observer):
 class EndStates(Observer):
     """State and friction modes at the end of each run."""
 
-    needs_ends = True
+    needs = frozenset({"end"})
     slots = Along("slot", np.arange(N_START), Quantity("1", "slot of the state"))
     fields = (Field("end", Quantity("1", "state and friction modes at the end"), along=slots),)
 
     def observe(self, ran: Ran, space: Workspace) -> None:
         """See `Observer`."""
-        ran.results["end"] = ran.ends
+        assert ran.solved is not None  # it has asked for that
+        ran.results["end"] = ran.solved.onward
+
+
+def needs_of(observers: Iterable[Observer]) -> frozenset[str]:
+    """What observers ask for."""
+    return frozenset[str]().union(*(observer.needs for observer in observers))
+
+
+def kept_of(observers: Iterable[Observer]) -> Kept:
+    """What is kept of each run for observers, where it is made by itself."""
+    return dict.fromkeys(Kept.__optional_keys__ & needs_of(observers), True)  # type: ignore[return-value]
 
 
 def strobes_of(n: Any, points: int) -> tuple[Observer, ...]:

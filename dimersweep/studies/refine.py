@@ -18,6 +18,7 @@ from dimersweep.parameters import check
 from dimersweep.studies import search
 from dimersweep.studies.deciding import spread_order
 from dimersweep.studies.making import make_cube
+from dimersweep.studies.observing import OwnObserver
 from dimersweep.studies.search import MIXED, REGIONS, Search
 from dimersweep.studies.study import Batch, Sample
 from dimersweep.work.options import Given
@@ -217,7 +218,7 @@ def study_of(coarse: Search, halvings: Mapping[str, int], between: Sequence[str]
     """
     axes = coarse.grid.axes
     check(axes)  # a map has no gaps
-    if coarse.observers:
+    if not all(isinstance(each, OwnObserver) for each in coarse.observers):
         raise ParameterError("refine: goes with neither paths nor search.orbit_periods")
     if not isinstance(halvings, Mapping):
         raise ParameterError(f"halvings = {halvings!r}: must be a mapping of axes and whole numbers")
@@ -238,6 +239,7 @@ def study_of(coarse: Search, halvings: Mapping[str, int], between: Sequence[str]
     return RefinedMap(
         grid=Grid({name: finer(values, counts[name]) for name, values in axes.items()}, coarse.grid.fixed),
         how=coarse.how,
+        observers=coarse.observers,
         question=coarse.question,
         halvings=counts,
         between=[REGIONS.index(region) for region in (REGIONS if between is None else between)],
@@ -256,6 +258,7 @@ def refine(
     periods: int,
     max_periods: int | None = None,
     rtol: float = 1e-8,
+    observe: Any = None,
     **options: Unpack[Given],
 ) -> xr.Dataset:
     """A map of regions on a fine grid, at the cost of their boundaries: a search at every point where it is needed.
@@ -267,7 +270,7 @@ def refine(
 
     Parameters
     ----------
-    grid, fixed, over, ask, mode, periods, max_periods, rtol
+    grid, fixed, over, ask, mode, periods, max_periods, rtol, observe
         As in `search`; the axes other than `over` are the coarse grid.
     halvings : mapping of str to int
         How often the intervals of each axis are halved at most.
@@ -303,5 +306,5 @@ def refine(
     (5, 9)
     """
     settings: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
-    coarse = search.study_of(grid, fixed, over=over, ask=ask, mode=mode, **settings)
+    coarse = search.study_of(grid, fixed, over=over, ask=ask, mode=mode, observe=observe, **settings)
     return make_cube(study_of(coarse, halvings, between), **options)

@@ -16,10 +16,11 @@ from dimersweep.inputs import check_count
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, M_NOT_RUN, MODES, OK
 from dimersweep.parameters import completed, fill_rows
-from dimersweep.runs.solving import run_all_patiently, run_settings
+from dimersweep.runs.solving import exactly, run_all_patiently, run_settings
 from dimersweep.studies.deciding import A_NOT_RUN, A_UNSURE, A_YES, ANSWER, ASKS, OPEN, Question
 from dimersweep.studies.making import in_memory, make_cube
 from dimersweep.studies.observers import Longer, Observer, Ran, paths_of
+from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Batch, Sample, Study
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.options import Given
@@ -93,7 +94,7 @@ class Search(Study):
             None if the search was stopped.
         """
         order = self.question.order(self.hints.get(point, ()))
-        here = self.grid.fixed | {name: float(value) for name, value in self.grid.values(point).items()}
+        here = self.grid.given(point)
         rows = fill_rows(here | {self.question.axis: self.question.values[order]}, order.size)
         out, codes = run_all_patiently(rows, self.how, space, until=self.question.until())
         if is_stopped(space):
@@ -106,7 +107,8 @@ class Search(Study):
             result["codes"][0, [CODE_MODE, CODE_STATUS]] = counts.argmax(), OK
             return Ran(rows[:0], self.how, result[:0])
         result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
-        return Ran(rows[which : which + 1], self.how, result)
+        given = here | {self.question.axis: float(self.question.values[order[which]])}
+        return Ran(rows[which : which + 1], self.how, result, given=given)
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """See `Study`: the points are taken from coarse to fine."""
@@ -232,6 +234,8 @@ def study_of(
     mode: str,
     orbit_periods: int = 0,
     paths: Mapping[str, int] | None = None,
+    observe: Any = None,
+    observe_with: Mapping[str, Any] | None = None,
     **how: Any,
 ) -> Search:
     """Check a search and lay it out, see `search`; `how` is what `run_settings` takes."""
@@ -248,8 +252,12 @@ def study_of(
     others = Grid({name: values for name, values in whole.axes.items() if name != over}, whole.fixed)
     observers: list[Observer] = [] if orbit_periods == 0 else [Longer(check_count("orbit_periods", orbit_periods))]
     observers += [] if paths is None else [paths_of(others.size, **paths)]
-    question = Question(over, whole.axes[over], ask, MODES.index(mode))
-    return Search(grid=others, how=run_settings(**how), observers=tuple(observers), question=question)
+    question, settings = Question(over, whole.axes[over], ask, MODES.index(mode)), run_settings(**how)
+    seen: dict[str, Any] = {"others": observers, "axes": (*whole.axes, "outcome"), "arguments": observe_with}
+    if orbit_periods:
+        seen["again"] = exactly(orbit_periods, settings.rtol)
+    own = own_of(observe, others.size, settings, **seen)
+    return Search(grid=others, how=settings, observers=(*observers, *own), question=question)
 
 
 def search(
@@ -264,6 +272,7 @@ def search(
     rtol: float = 1e-8,
     orbit_periods: int = 0,
     paths: Mapping[str, int] | None = None,
+    observe: Any = None,
     **options: Unpack[Given],
 ) -> xr.Dataset:
     """Ask a question about one axis at every point of the other ones, and stop at each as soon as its answer is certain.
@@ -299,6 +308,8 @@ def search(
     paths : mapping of str to int, optional
         ``{"periods": ..., "per_period": ...}``: the path of the centre of mass of each deciding run that drifts is kept,
         for so many forcing periods, with so many positions in each (8 by default).
+    observe : callable or str, optional
+        As in `sweep`: it looks at the deciding runs; with `orbit_periods` at these as they were made once more.
     out, workers, progress, force, attrs, client, fail_fast, keep_tiles
         As in `sweep`; `out` is a NetCDF file.
     extend : path-like, optional
@@ -335,5 +346,5 @@ def search(
     ['no', 'yes']
     """
     asked: dict[str, Any] = {"over": over, "ask": ask, "mode": mode, "orbit_periods": orbit_periods, "paths": paths}
-    study = study_of(grid, fixed, **asked, periods=periods, max_periods=max_periods, rtol=rtol)
+    study = study_of(grid, fixed, **asked, observe=observe, periods=periods, max_periods=max_periods, rtol=rtol)
     return make_cube(study, **options)

@@ -12,12 +12,14 @@ from dimersweep.cubes.grid import Grid, check_fits
 from dimersweep.cubes.results import Field, Tile, blank_results, kind_with, not_ok
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
+from dimersweep.kernel.record import new_strobes
 from dimersweep.runs.carrying import carried
 from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently
-from dimersweep.studies.observers import Observer, Ran
+from dimersweep.studies.observers import Observer, Ran, kept_of, needs_of
 
 MOST_PARTS = 200  # that are timed
 MOST_OF_LINE = 20  # values of a line that are timed
+MOST_STROBES = 1 << 16  # that runs which are made together may keep: 6 MB
 
 
 class Batch(NamedTuple):
@@ -97,7 +99,8 @@ class Study:
     @property
     def by_blocks(self) -> bool:
         """Whether the cube may be larger than memory, made block by block: that of a grid with one value a variable."""
-        return not (self.own_fields or self.grid.columns or any(each.along for each in self.fields))
+        one_number = all(each.along is None and "S" not in each.type for each in self.fields)
+        return one_number and not (self.own_fields or self.grid.columns)
 
     @property
     def size(self) -> int:
@@ -142,6 +145,11 @@ class Study:
             done += len(ran.results)
         return done - done % self.line
 
+    def check_here(self) -> None:
+        """See `Work`."""
+        for observer in self.observers:
+            observer.check_here()
+
     def observed(self, ran: Ran, space: Workspace) -> bool:
         """Have the observers look at runs; whether they came to their end."""
         for observer in self.observers:
@@ -151,23 +159,30 @@ class Study:
     def _runs(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
         """Run `points`, from the first one on; where a state is carried, in whole lines."""
         rows = self.grid.rows_at(points)
-        if "direction" in self.grid.axes or any(observer.needs_ends for observer in self.observers):
+        has_ways, needs = "direction" in self.grid.axes, needs_of(self.observers)
+        if has_ways or needs - {"strobes"}:
             for first in range(0, points.size, self.line):
                 line = slice(first, first + self.line)
-                way = -1 if self.grid.values(points[first]).get("direction") else 1
-                yield from self._carried(rows[line][::way], results[line][::way], space)
+                way = -1 if has_ways and self.grid.values(points[first])["direction"] else 1
+                yield from self._carried(points[line][::way], rows[line][::way], results[line][::way], space)
         else:
-            out, codes = blank(points.size)
-            done = run_patiently(rows, self.how, out, codes, until=SLOW_MODES, space=space)
+            strobes, longest = None, self.how.max_periods
+            if needs:
+                rows = rows[: max(1, MOST_STROBES // longest)]
+                strobes = new_strobes(len(rows) * longest).reshape(len(rows), longest, -1)
+            out, codes = blank(len(rows))
+            done = run_patiently(rows, self.how, out, codes, until=SLOW_MODES, space=space, strobes=strobes)
             results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
-            yield Ran(rows[:done], self.how, results[:done])
+            yield Ran(rows[:done], self.how, results[:done], strobes=None if strobes is None else strobes[:done])
 
-    def _carried(self, rows: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
+    def _carried(self, points: np.ndarray, rows: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
         """Run the points of one line, or a point alone, each from the state in which the one before it has ended."""
-        for k, solved in enumerate(carried(rows, self.how, space)):
+        kept = kept_of(self.observers)
+        for k, solved in enumerate(carried(rows, self.how, space, **kept)):
             here = slice(k, k + 1)
             results["out"][here], results["codes"][here] = solved.out, solved.codes
-            yield Ran(rows[here], self.how, results[here], solved.start, solved.onward)
+            given = self.grid.given(points[k]) if "record" in kept else None
+            yield Ran(rows[here], self.how, results[here], solved, given, solved.strobes[None])
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """What is to be run, one batch after the other; the study of the last one labels all results.

@@ -14,6 +14,7 @@ from dimersweep.runs.solving import run_settings
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.studies.making import make_cube
 from dimersweep.studies.observers import Certify, Observer, Sustained, strobes_of
+from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Study
 from dimersweep.work.options import Given
 
@@ -27,6 +28,8 @@ def study_of(
     strobes: int = 0,
     carry: str | None = None,
     sustained: bool = False,
+    observe: Any = None,
+    observe_with: Mapping[str, Any] | None = None,
     **how: Any,
 ) -> Study:
     """Check a sweep and lay it out, see `sweep`; `how` is what `run_settings` takes.
@@ -48,7 +51,9 @@ def study_of(
     if still:
         most = {name: float(np.abs(values).max()) for name, values in (grid.columns or grid.axes).items()}
         check_level(grid.fixed | most, "sustained spins")
-    return Study(grid=grid, how=run_settings(**how), observers=(*sure, *strobes_of(strobes, grid.size), *still))
+    settings, seen = run_settings(**how), (*sure, *strobes_of(strobes, grid.size), *still)
+    own = own_of(observe, grid.size, settings, others=seen, axes=grid.axes, arguments=observe_with)
+    return Study(grid=grid, how=settings, observers=(*seen, *own))
 
 
 def sweep(
@@ -64,6 +69,7 @@ def sweep(
     strobes: int = 0,
     carry: Literal["up", "down", "both"] | None = None,
     sustained: bool = False,
+    observe: Any = None,
     **options: Unpack[Given],
 ) -> xr.Dataset:
     """Run the dimer at every point of a grid, or at points of a table.
@@ -109,6 +115,9 @@ def sweep(
         where the two part and meet. Lines run in parallel, each of them in one piece.
     sustained : bool
         Whether the sustained spins of each point are counted, and the circle that it chooses is told (`orbits.sustained`).
+    observe : callable or str, optional
+        An observer of your own, which `observer` has marked: what it makes of the run of each point stands in the cube
+        (docs/observers.md). Or where it stands, such as ``"my_module:spectral"``.
     force : bool
         Whether `out` may replace an existing file, and results of another configuration be deleted.
     attrs : mapping, optional
@@ -157,9 +166,8 @@ def sweep(
         options["attrs"] = {"plot": "circles"} | check_attrs(options.get("attrs"))
     how: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
     how["stop_when_settled"] = stop_when_settled
-    study = study_of(
-        grid, fixed, points=points, certify=certify, strobes=strobes, carry=carry, sustained=sustained, **how
-    )
+    how |= {"certify": certify, "strobes": strobes, "carry": carry, "sustained": sustained}
+    study = study_of(grid, fixed, points=points, observe=observe, **how)
     return make_cube(study, **options)
 
 

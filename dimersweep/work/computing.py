@@ -6,9 +6,8 @@ from contextlib import ExitStack
 from typing import NamedTuple
 
 from dimersweep.cubes.grid import Grid
-from dimersweep.cubes.results import Finished, Tile, common, not_ok, pieces, tally
+from dimersweep.cubes.results import Finished, Tile, common, not_ok, pieces, tally, why_failed
 from dimersweep.errors import PointError, Stopped, UnfinishedError
-from dimersweep.kernel.model.layout import CODE_STATUS, STATUS_MESSAGES, STATUSES
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.options import Options
 from dimersweep.work.progress import Tally, report_compiling, watch
@@ -94,11 +93,12 @@ class Crew(ExitStack):
         if not missing:
             return
         if self._pool is None:
+            work.check_here()
             self._pool = self._hire(wanted)
         self._shown.expect(wanted)
         left = sum(stop - start for start, stop in missing)
         pace = Pace(left, self._pool.workers)
-        failures: list[tuple[int, int]] = []  # points, and their status
+        failures: list[tuple[int, str]] = []  # points, and why they have failed
         troubles: list[Trouble] = []
         alike = 0  # of them, in a row
 
@@ -116,14 +116,13 @@ class Crew(ExitStack):
                     alike = alike + 1 if troubles[-1].sort == troubles[-2:][0].sort else 1
                 if self.options.fail_fast and not_ok(codes).any():
                     row = int(not_ok(codes).argmax())
-                    failures.append((int(points[row]), codes[row, CODE_STATUS]))
+                    failures.append((int(points[row]), why_failed(made.results[row])))
                 if failures or alike >= ALIKE or (troubles and self.options.fail_fast):
                     self._stop.set()
         finally:
             self.store.flush()
         if failures:
-            point, status = min(failures)
-            words = f"{STATUSES[status]}: {STATUS_MESSAGES[status]}"
+            point, words = min(failures)
             raise PointError(f"{work.grid.point(point)} failed: {words}; {self.store.kept}")
         if troubles and not self._stop.signal:
             stopped = "; the sweep was stopped, as these came in a row" if alike >= ALIKE else ""

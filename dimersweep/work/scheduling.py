@@ -114,14 +114,16 @@ def run_elsewhere(work: Work, points: np.ndarray, seconds: float, version: str, 
     Raises
     ------
     ParameterError
-        If the kernel is another one: its numbers could differ.
+        If the kernel is another one: its numbers could differ; or if something that the work takes is missing.
     KernelError
         If it cannot run there, or gives wrong numbers.
     """
     try:
         prove()
-    except KernelError as error:
-        raise KernelError(f"scheduler: worker process {os.getpid()} on {socket.gethostname()}: {error}") from None
+        work.check_here()
+    except (KernelError, ParameterError) as error:
+        where = f"scheduler: worker process {os.getpid()} on {socket.gethostname()}"
+        raise type(error)(f"{where}: {error}") from None
     if kernel_version() != version:  # as it was compiled, now that it is
         raise ParameterError(_other_kernel("a worker", kernel_version(), version))
     return attempt(work, points, _flags.setdefault(asker, StopFlag()), seconds)

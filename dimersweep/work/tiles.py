@@ -51,6 +51,9 @@ class Work(Protocol):
     def line(self) -> int:
         """How many points make one piece of work, see `Grid.line`: whoever runs them has them all, in one call."""
 
+    def check_here(self) -> None:
+        """Raise a ParameterError if this process lacks something that the work takes."""
+
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """Run some of `points`, from the first one on, and count them.
 

@@ -82,7 +82,9 @@ class Kernel(Part):
         try:
             return self.dispatcher(*given)
         except Exception as error:  # while it is compiled: a kernel raises nothing
-            if asked_way() or isinstance(error, (MemoryError, numba.TypingError)):
+            if asked_way() or isinstance(
+                error, (MemoryError, TimeoutError, numba.TypingError)
+            ):  # of the machine, of a signal
                 raise
             with _changing:
                 if way() == FAST:  # no other thread was here meanwhile

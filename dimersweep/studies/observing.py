@@ -1,0 +1,444 @@
+"""Observers of a user's own: what they declare, what tells one from another, and what they make of each run."""
+
+import json
+import reprlib
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from functools import cache, partial
+from importlib import import_module
+from pathlib import Path
+from types import FunctionType
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+
+from dimersweep.cubes.results import OBSERVER_FAILED, RESULT, Along, Field, blank_results, kind_with
+from dimersweep.errors import ParameterError, one_line, unknown
+from dimersweep.inputs import as_number, as_numbers, check_count
+from dimersweep.kernel.batch import Workspace, is_stopped
+from dimersweep.kernel.model.layout import (
+    CODE_N_PERIODS,
+    CODE_STATUS,
+    CODES,
+    N_ROW,
+    OK,
+    OUT,
+    ROW,
+)
+from dimersweep.kernel.record import N_STROBE, STROBE
+from dimersweep.parameters import Parameters
+from dimersweep.runs.recorded import named_state
+from dimersweep.runs.run import as_run
+from dimersweep.runs.solving import RunSettings, check_recorded, run_row
+from dimersweep.studies.fingerprint import code_of
+from dimersweep.studies.observers import MAX_NUMBERS, Observer, Ran
+from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
+
+DECLARED = "observer_variables"  # attribute of what `observer` has marked
+MESSAGE_BYTES = 100  # of what is kept of an error
+WHY = Field("observer_error", QUANTITIES["observer_error"], f"S{MESSAGE_BYTES}", about="status")
+RECORDED = "a run that an observer looks at; a compiled one needs no record"
+
+F = TypeVar("F")
+
+# what a compiled one is given of the end of a period, and of the run: its parameters, its codes and its numbers
+END = np.dtype([(name, float) for name in STROBE])
+FACTS = np.dtype([(name, float) for name in (*ROW, *CODES, *OUT)])
+
+
+# --- what an observer declares ------------------------------------------------------------------------------------------
+
+
+def observer(**variables: Mapping[str, Any]) -> Callable[[F], F]:
+    """Declare what a function makes of each run of a sweep: ``sweep(..., observe=f)``; see docs/observers.md.
+
+    Parameters
+    ----------
+    **variables : mapping
+        For each name that the function gives: `units` ("1" if none), `long_name`, and for an array of one dimension `along`, a
+        mapping with the `name` of the dimension, its `values` or their number, and perhaps their `units` and `long_name`.
+
+    Returns
+    -------
+    callable
+        Marks a function, a dataclass that can be called, or a function that `numba.njit` has compiled, and returns it. The
+        function is called with a `Run`, and returns a mapping of names to numbers; what it leaves out is missing (NaN).
+
+    Raises
+    ------
+    ParameterError
+        If a declaration is not as it must be.
+
+    Examples
+    --------
+    >>> from dimersweep import observer, sweep
+    >>> @observer(lowest={"units": "rad", "long_name": "least dip angle in the last period"})
+    ... def lowest_dip(run):
+    ...     times = run.duration - np.linspace(0, 1, 50) / run.parameters["f"]
+    ...     return {"lowest": run.states(times)["beta"].min()}
+    >>> import numpy as np
+    >>> cube = sweep({"Gamma": [0.6, 0.9]}, periods=60, observe=lowest_dip, progress=False)
+    >>> cube["lowest"].attrs["units"], cube["lowest"].sizes
+    ('rad', Frozen({'Gamma': 2}))
+    """
+    if not variables:
+        raise ParameterError('observer: declares nothing; give names, such as peak={"units": "Hz", "long_name": "..."}')
+    declared = tuple(_field(name, told) for name, told in variables.items())
+
+    def mark(function: F) -> F:
+        setattr(function, DECLARED, declared)
+        return function
+
+    return mark
+
+
+def _field(name: str, told: Any) -> Field:
+    """A variable as it was declared."""
+    _check_name(name)
+    units, meaning, along = _declared(f"observer: {name}", told, ("units", "long_name"), ("along",))
+    if along is None:
+        return Field(name, Quantity(units, meaning))
+    dim, values, its_units, its_meaning = _declared(
+        f"observer: {name}.along", along, ("name", "values"), ("units", "long_name")
+    )
+    _check_name(dim)
+    where = f"observer: {name}.along.values"
+    values = np.arange(check_count(where, values)) if isinstance(values, int) else as_numbers(where, values, as_number)
+    label = Quantity(its_units or "1", its_meaning or f"number of the {dim}")
+    return Field(name, Quantity(units, meaning), along=Along(dim, np.atleast_1d(values), label))
+
+
+def _check_name(name: str) -> None:
+    if not name.isidentifier() or not name.isascii():
+        raise ParameterError(f"observer: {name!r}: must be a name of letters, digits and _")
+
+
+def _declared(where: str, told: Any, needed: tuple[str, ...], more: tuple[str, ...]) -> list[Any]:
+    """The values of a mapping with the keys `needed` and perhaps some `more`, None where they are missing."""
+    if not isinstance(told, Mapping):
+        raise ParameterError(f"{where} = {reprlib.repr(told)}: must be a mapping with {' and '.join(needed)}")
+    for key in told:
+        if key not in (*needed, *more):
+            raise ParameterError(f"{where}.{unknown(key, 'key', (*needed, *more))}")
+    for key in needed:
+        if key not in told:
+            raise ParameterError(f"{where}.{key}: is missing")
+    for key, value in told.items():
+        if key not in ("along", "values") and not (isinstance(value, str) and value):
+            raise ParameterError(f"{where}.{key} = {reprlib.repr(value)}: must be a text")
+    return [told.get(key) for key in (*needed, *more)]
+
+
+# --- where it is ----------------------------------------------------------------------------------------------------------
+
+
+def look_in(folder: Path) -> None:
+    """Have modules of observers be found in a folder, too, behind all other places."""
+    if str(folder.absolute()) not in sys.path:
+        sys.path.append(str(folder.absolute()))
+
+
+def found(name: str) -> Any:
+    """What stands under a name such as ``my_module:spectral``.
+
+    Raises
+    ------
+    ParameterError
+        If there is no such module, or it cannot be imported, or has no such name.
+    """
+    module, _, path = name.partition(":")
+    if not module or not path:
+        raise ParameterError(f"observe = {name!r}: must be a module and a name in it, such as 'my_module:spectral'")
+    try:
+        there = import_module(module)
+    except Exception as error:  # whatever the module does
+        why = f"{module} cannot be imported ({type(error).__name__}: {one_line(error)})"
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            why = f"there is no module {error.name}"
+        raise ParameterError(f"observe = {name!r}: {why}") from None
+    for part in path.split("."):
+        if not hasattr(there, part):
+            raise ParameterError(f"observe = {name!r}: {module} has no {part}")
+        there = getattr(there, part)
+    return there
+
+
+def _shown(given: Any) -> str:
+    return getattr(given, "__qualname__", None) or reprlib.repr(given)
+
+
+def _taken_apart(given: Any) -> tuple[Any, dict[str, Any]]:
+    """The function or the dataclass that was declared, and the arguments that it was given.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither, or has arguments that no configuration can hold.
+    """
+    arguments: dict[str, Any] = {}
+    while isinstance(given, partial):
+        if given.args:
+            raise ParameterError(f"observe = {_shown(given.func)}: give its arguments by name")
+        given, arguments = given.func, given.keywords | arguments
+    if is_dataclass(given) and not isinstance(given, type):
+        given, arguments = type(given), {each.name: getattr(given, each.name) for each in fields(given)}
+    shown = f"observe = {_shown(given)}"
+    if not hasattr(given, DECLARED):
+        cure = 'mark it with @dimersweep.observer(name={"units": ..., "long_name": ...})'
+        raise ParameterError(f"{shown}: declares nothing; {cure}")
+    if not isinstance(getattr(given, "py_func", given), FunctionType | type):
+        raise ParameterError(f"{shown}: must be a function or an instance of a dataclass")
+    if isinstance(given, type) and not (is_dataclass(given) and "__call__" in vars(given)):
+        raise ParameterError(f"{shown}: must be a dataclass with a __call__")
+    for name, value in arguments.items():
+        try:
+            alike = json.loads(json.dumps(value, allow_nan=False)) == value
+        except (TypeError, ValueError):
+            alike = False
+        if not alike:
+            allowed = "a number, a text, a switch, or a list or mapping of these"
+            raise ParameterError(f"observe: argument {name} = {reprlib.repr(value)}: must be {allowed}")
+    return given, arguments
+
+
+# --- what it makes of each run ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class OwnObserver(Observer):
+    """An observer of a user's own.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``my_module:spectral``.
+    arguments : dict
+    code : str
+        See `code_of`.
+    declared : tuple of Field
+    how : RunSettings, optional
+        Of the runs that it looks at, where these are not those of the study.
+    base : function or class, optional
+        What has that name; None in another process, which looks for it.
+    """
+
+    name: str
+    arguments: dict[str, Any]
+    code: str
+    declared: tuple[Field, ...]
+    how: RunSettings | None
+    base: Any
+
+    @property
+    def fields(self) -> tuple[Field, ...]:
+        """See `Observer`."""
+        return (*self.declared, WHY)
+
+    def settings(self) -> dict[str, Any]:
+        """See `Observer`."""
+        names = [name for each in self.declared for name in (each.name, *([each.along.name] if each.along else []))]
+        return {"observe": {"name": self.name, "code": self.code, "arguments": self.arguments, "variables": names}}
+
+    def __getstate__(self) -> dict[str, Any]:
+        """By its name, if other processes may find it there: these tell then what they lack."""
+        try:
+            known = not self.name.startswith("__main__:") and found(self.name) is self.base
+        except ParameterError:
+            known = False
+        return vars(self) | ({"base": None} if known else {})
+
+    @property
+    def here(self) -> Any:
+        """What has its name in this process."""
+        return found(self.name) if self.base is None else self.base
+
+    def check_here(self) -> None:
+        """See `Observer`."""
+        if self.base is None and _code(self.here) != self.code:
+            raise ParameterError(f"observe = {self.name!r}: is another version here; give all workers the same module")
+
+    def failed(self, result: np.void, error: Exception) -> None:
+        """Note that it has failed at a point; other points do not suffer."""
+        why = f"{type(error).__name__}: {one_line(error)}"
+        result[WHY.name] = why.encode("ascii", "backslashreplace")[:MESSAGE_BYTES]
+        result["codes"][CODE_STATUS] = OBSERVER_FAILED
+
+
+class RunObserver(OwnObserver):
+    """One that is given the run: ``f(run)`` returns a mapping."""
+
+    needs: ClassVar[frozenset[str]] = frozenset({"record"})
+
+    def observe(self, ran: Ran, space: Workspace) -> None:
+        """See `Observer`."""
+        how, here = self.how or ran.how, self.here
+        call = here(**self.arguments) if isinstance(here, type) else partial(here, **self.arguments)
+        for row, result in zip(ran.rows, ran.results, strict=True):
+            if result["codes"][CODE_STATUS] != OK:
+                continue
+            solved = ran.solved or run_row(row, None, how, space, record=True)
+            if is_stopped(space):
+                return
+            start = None if solved.start is None else named_state(row, solved.start)
+            run = as_run(Parameters(**ran.given or {}).given(), how.rtol, solved, start)
+            try:
+                for name, values in self._checked(call(run)).items():
+                    result[name] = values
+            except MemoryError:
+                raise
+            except Exception as error:
+                self.failed(result, error)
+
+    def _checked(self, returned: Any) -> dict[str, np.ndarray]:
+        """What it has returned, as it has declared it; raises otherwise."""
+        if not isinstance(returned, Mapping):
+            raise TypeError(f"returned {type(returned).__name__}, no mapping of names to numbers")
+        shapes = {each.name: each.shape for each in self.declared}
+        told = {}
+        for name, value in returned.items():
+            if name not in shapes:
+                raise ValueError(unknown(name, "variable", shapes))
+            told[name] = np.asarray(value, dtype=float)
+            if told[name].shape != shapes[name]:
+                raise ValueError(f"{name}: has shape {told[name].shape}, and {shapes[name]} was declared")
+        return told
+
+
+class PeriodObserver(OwnObserver):
+    """One that Numba has compiled: ``f(end, run, row)`` is called at the end of each forcing period, and writes to its row."""
+
+    needs: ClassVar[frozenset[str]] = frozenset({"strobes"})
+
+    def check_here(self) -> None:
+        """See `Observer`; compiles it."""
+        super().check_here()
+        try:
+            self._look(np.zeros((0, N_ROW)), blank_results(0, kind_with(self.fields)), np.zeros((0, 1, N_STROBE)))
+        except Exception as error:
+            why = f"{type(error).__name__}: {one_line(error)}"
+            raise ParameterError(f"observe = {self.name!r}: cannot be compiled ({why})") from None
+
+    def observe(self, ran: Ran, space: Workspace) -> None:
+        """See `Observer`."""
+        strobes = ran.strobes
+        if strobes is None:  # of a search, whose deciding run is made once more
+            solved = [run_row(row, None, self.how or ran.how, space, strobes=True) for row in ran.rows]
+            if is_stopped(space) or not solved:
+                return
+            strobes = solved[0].strobes[None]
+        try:
+            self._look(ran.rows, ran.results, strobes)
+        except Exception as error:
+            if len(ran.rows) == 1:
+                self.failed(ran.results[0], error)
+                return
+            for k in range(len(ran.rows)):  # find the one
+                one = slice(k, k + 1)
+                self.observe(ran._replace(rows=ran.rows[one], results=ran.results[one], strobes=strobes[one]), space)
+
+    def _look(self, rows: np.ndarray, results: np.ndarray, strobes: np.ndarray) -> None:
+        """Call it for runs, shape (n,), and fill in what it has written, where they have reached their ends."""
+        codes = results["codes"]
+        reached = codes[:, CODE_STATUS] == OK
+        facts = np.column_stack([rows, codes, results["out"]])
+        values = np.zeros((len(rows), sum(each.size for each in self.declared)))
+        counts = np.where(reached, codes[:, CODE_N_PERIODS], 0)
+        ends = np.ascontiguousarray(strobes).view(END).reshape(strobes.shape[:2])
+        _driver(self.here)(ends, counts, facts.view(FACTS).reshape(len(rows)), values)
+        first = 0
+        for each in self.declared:
+            results[each.name][reached] = values[reached, first : first + each.size].reshape(-1, *each.shape)
+            first += each.size
+
+
+@cache
+def _driver(function: Any) -> Any:
+    """Calls a compiled observer at the ends of periods, run after run; that alone is compiled for it."""
+    from numba import njit
+
+    @njit(nogil=True)
+    def drive(ends: Any, counts: Any, runs: Any, rows: Any) -> None:
+        for k in range(len(runs)):
+            for n in range(counts[k]):
+                function(ends[k, n], runs[k], rows[k])
+
+    return drive
+
+
+def _code(base: Any) -> str:
+    return code_of(base, getattr(base, DECLARED, ()))
+
+
+def own_of(
+    observe: Any,
+    points: int,
+    how: RunSettings,
+    *,
+    others: Iterable[Observer] = (),
+    axes: Iterable[str] = (),
+    arguments: Mapping[str, Any] | None = None,
+    again: RunSettings | None = None,
+) -> tuple[OwnObserver, ...]:
+    """The observer that a user gives, checked; none for None.
+
+    Parameters
+    ----------
+    observe : callable or str, optional
+        What `observer` has marked; or where it stands, such as ``my_module:spectral``.
+    points : int
+    how : RunSettings
+        Of the study.
+    others : iterable of Observer
+        What else is known of each point.
+    axes : iterable of str
+        Dimensions of the cube.
+    arguments : mapping, optional
+        What it is given by name.
+    again : RunSettings, optional
+        Of the runs that it looks at, where these are not those of the study.
+
+    Raises
+    ------
+    ParameterError
+    """
+    if observe is None:
+        if arguments:
+            raise ParameterError("observe_with: is for an observer; give observe")
+        return ()
+    given = found(observe) if isinstance(observe, str) else observe
+    if isinstance(given, type) or arguments:
+        try:
+            given = given(**arguments or {}) if isinstance(given, type) else partial(given, **arguments or {})
+        except TypeError as error:
+            raise ParameterError(f"observe = {observe!r}: {one_line(error)}") from None
+    base, known = _taken_apart(given)
+    kind = PeriodObserver if hasattr(base, "py_func") else RunObserver
+    if kind is RunObserver:
+        check_recorded((again or how).max_periods, RECORDED)
+    elif known:
+        raise ParameterError(f"observe = {_shown(base)}: a compiled observer takes no arguments ({', '.join(known)})")
+    declared = getattr(base, DECLARED)
+    _check_names(declared, [each for other in others for each in other.fields], axes)
+    numbers = sum(each.size for each in declared if each.along)
+    if points * numbers > MAX_NUMBERS:
+        raise ParameterError(
+            f"observe: {points} points with {numbers} numbers in arrays; one cube may hold {MAX_NUMBERS} of them"
+        )
+    name = f"{base.__module__}:{base.__qualname__}"
+    return (kind(name, known, code_of(base, declared), declared, again, base),)
+
+
+def _check_names(declared: Iterable[Field], others: Iterable[Field], axes: Iterable[str]) -> None:
+    """Refuse names that a cube has already, and a dimension that is told in two ways."""
+    others = list(others)
+    dims = {each.along.name: each.along.values for each in others if each.along}
+    taken = {*PARAMETERS, *QUANTITIES, *SETTINGS, *(RESULT.names or ()), *axes, *(each.name for each in others)}
+    for each in declared:
+        along = each.along
+        for name in (each.name, *([along.name] if along else [])):
+            if name in taken or (name == each.name and name in dims):
+                raise ParameterError(f"observe: {name}: is a name that the cube has; give another one")
+        if along and not np.array_equal(dims.setdefault(along.name, along.values), along.values):
+            raise ParameterError(f"observe: {along.name}: is a dimension with other values, too; give it another name")
+        taken.add(each.name)
