@@ -138,9 +138,7 @@ class Fit:
         return "\n".join([*lines, *self.notes, *self.undetermined, f"cost: {self.cost:,.0f} forcing periods"])
 
     def plot(self, **look: Unpack[Look]) -> Figure:
-        """The regions of one and two standard deviations of each pair of free parameters.
-
-        Its place, size and title are those that `look` gives, see `dimersweep.plots.Look`.
+        """The regions of one and two standard deviations of each pair of free parameters; `look` as in `plots.Look`.
 
         Examples
         --------

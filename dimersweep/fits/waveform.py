@@ -204,9 +204,7 @@ class Waveform:
         return np.sum([-size * np.sin(k * angles + phase) for k, (size, phase) in self.waves[axis].items()], axis=0)
 
     def plot(self, **look: Unpack[Look]) -> Figure:
-        """One period of each axis, and the spectra of the record and of what of it is not periodic.
-
-        Its place, size and title are those that `look` gives, see `dimersweep.plots.Look`.
+        """One period of each axis, and the spectra of the record and of what of it is not periodic; `look` as in `plots.Look`.
 
         Examples
         --------

@@ -76,9 +76,7 @@ FIGURES = {
 
 
 def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = None, **look: Unpack[Look]) -> Figure:
-    """A figure of `cube`: of a kind, of a quantity over its axes, or by default the one that it was declared for.
-
-    Its place, size and title are those that `look` gives, see `Look`.
+    """A figure of `cube`: of a kind, of a quantity, or by default the one that it was declared for; `look` as in `Look`.
 
     Raises
     ------

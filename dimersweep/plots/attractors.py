@@ -13,7 +13,7 @@ MOST_NAMED = 18  # attractors that the legend has room for
 ONE_LINE = 0.01  # of the axis: borders of a kind that are drawn as one
 ONE_LABEL = 0.03  # and borders that share a label
 FLAT_LABELS = 3  # so many have room side by side, more stand upright
-HATCHES = ("", "//", "..", "xx", "\\\\", "oo")  # of the attractors of one mode, then each closer
+HATCHES = ("//", "..", "xx", "\\\\", "oo")  # of all attractors of a mode but the first, then each closer
 
 
 def looks_of(data: xr.Dataset) -> list[tuple[str, str]]:
@@ -21,7 +21,7 @@ def looks_of(data: xr.Dataset) -> list[tuple[str, str]]:
     modes, colors = modes_of(data), mode_colors()
     before = [modes[:k].count(mode) for k, mode in enumerate(modes)]
     return [
-        (colors[mode or "not_run"], HATCHES[n % len(HATCHES)] * (1 + n // len(HATCHES)))
+        (colors[mode or "not_run"], HATCHES[n % len(HATCHES) - 1] * -(-n // len(HATCHES)))
         for mode, n in zip(modes, before, strict=True)
     ]
 
@@ -125,4 +125,4 @@ def attractors(data: xr.Dataset, **look: Unpack[Look]) -> Figure:
     hidden = len(labels) - MOST_NAMED
     more = {"title": f"and {hidden} more", "title_fontsize": 8} if hidden > 0 else {}
     board.legend("right center", areas[:MOST_NAMED], fontsize=8, reverse=True, **more)
-    return board.done()
+    return board.done(above=50 if how["rotation"] else 18)  # the labels

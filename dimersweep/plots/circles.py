@@ -26,7 +26,6 @@ def circles(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         Of a `sweep` with `sustained`, of a grid or of points, over one or two parameters.
-    **look : see `Look`
 
     Returns
     -------

@@ -48,7 +48,6 @@ def mode_map(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         With axes of more than one value; the last one runs to the right, the one before upward.
-    **look : see `Look`
 
     Returns
     -------
@@ -83,7 +82,6 @@ def quantity_map(cube: xr.Dataset, quantity: str, **look: Unpack[Look]) -> Figur
     cube : xarray.Dataset
     quantity : str
         A variable of the cube such as radius; points where it has no meaning stay empty.
-    **look : see `Look`
 
     Returns
     -------
@@ -115,7 +113,7 @@ def _map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
     if quantity != "mode" and values.dims[:-1] == ("direction",):
         return _curves_each_way(cube, values, quantity, look)
     board, parts = _panels(cube, values, look)
-    how = {"cmap": "viridis"} | _ends(values.values)
+    how = _shades(values.values)
     for axes, part in parts:
         if quantity == "mode":
             drawn = _mesh(axes, part, colors_of(np.atleast_2d(part.values)))
@@ -125,28 +123,23 @@ def _map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
             axes.plot(part[part.dims[0]], part, "o-", markersize=3, linewidth=1, color=MODE_COLORS["drift"])
             axes.set_ylabel(label(quantity))
     if quantity == "mode" or values.ndim > 1:
-        _explain(
-            board,
-            [axes for axes, _ in parts],
-            values,
-            drawn,
-            " (code)" if "flag_meanings" in cube[quantity].attrs else "",
-        )
+        _explain(board, values, drawn, " (code)" if "flag_meanings" in cube[quantity].attrs else "")
     return board.done()
 
 
-def _ends(values: np.ndarray) -> dict[str, Any]:
-    """The ends of a scale of colours, where there are values."""
+def _shades(values: np.ndarray) -> dict[str, Any]:
+    """A scale of colours, with its ends where there are values."""
     finite = values[np.isfinite(values)]
-    return dict(zip(("vmin", "vmax"), widened(finite.min(), finite.max()), strict=True)) if finite.size else {}
+    vmin, vmax = widened(finite.min(), finite.max()) if finite.size else (None, None)
+    return {"cmap": "viridis", "vmin": vmin, "vmax": vmax}
 
 
-def _explain(board: Board, panels: list[Axes], values: xr.DataArray, drawn: Any, more: str = "") -> None:
+def _explain(board: Board, values: xr.DataArray, drawn: Any, more: str = "") -> None:
     """Say what the colours are, beside a figure: a legend of modes, or a bar of a quantity."""
     if values.name == "mode":
         board.legend("right center", mode_handles(values), fontsize=9)
     else:
-        board.figure.colorbar(drawn, ax=panels, label=label(str(values.name)) + more)
+        board.figure.colorbar(drawn, ax=board.axes, label=label(str(values.name)) + more)
 
 
 def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str, look: Look) -> Figure:
@@ -177,16 +170,14 @@ def point_map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
     size = 1.6 + 3.4 * columns, 0.8 + 3.0 * rows
     board, panels = framed(look, cube, size, nrows=rows, ncols=columns, squeeze=False)
     values = cube[quantity]
-    how = {"c": values.values, "cmap": "viridis"} | _ends(values.values)
-    if quantity == "mode":
-        how = {"c": colors_of(values.values)}
+    how = {"c": colors_of(values.values)} if quantity == "mode" else {"c": values.values} | _shades(values.values)
     for axes, (x, y) in zip(panels.flat, pairs, strict=False):
         dots = axes.scatter(cube[x], cube[y], s=9, **how)
         mark(axes.xaxis, x)
         mark(axes.yaxis, y)
     for axes in panels.flat[len(pairs) :]:
         axes.set_axis_off()
-    _explain(board, [*panels.flat], values, dots)
+    _explain(board, values, dots)
     return board.done()
 
 

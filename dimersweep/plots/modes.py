@@ -33,7 +33,6 @@ def segments(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         With the axis `beta0` and at most one more.
-    **look : see `Look`
 
     Returns
     -------
@@ -81,7 +80,6 @@ def regions(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         Of `search` or `refine` for drift, with two axes; the first one runs to the right.
-    **look : see `Look`
 
     Returns
     -------
@@ -134,7 +132,6 @@ def bifurcation(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     cube : xarray.Dataset
         With strobes over one axis of more than one value, see `dimersweep.bifurcation`. Where the state was carried up and
         down that axis, each way has its panels.
-    **look : see `Look`
 
     Returns
     -------

@@ -23,7 +23,7 @@ END_COLORS = {  # of a double impact
     "sk_sp": "#dd99cc",
     "sk_sk": "#009e73",
 }
-LEFT_OUT_COLOR = "#bdbdbd"  # points that break the rule between mu and mu_s
+LEFT_OUT_COLOR = "#505050"  # points that break the rule between mu and mu_s
 TRENDS = {"radius": r"$\bar R$ [m]", "period": r"$\bar T$ [s]", "zeta": r"$\zeta$ [rad]"}
 CENTRES = {"centre_velocity_x": ("o", "along $x$"), "centre_velocity_y": ("s", "along $y$")}
 CURVES = 5  # values of the other axis that are drawn
@@ -40,7 +40,6 @@ def paths(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         With paths over one axis.
-    **look : see `Look`
 
     Returns
     -------
@@ -81,7 +80,6 @@ def trends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         With the axes `A_r` and `f`.
-    **look : see `Look`
 
     Returns
     -------
@@ -144,7 +142,6 @@ def least_period(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         With the axes `A_r` and `xdot0`.
-    **look : see `Look`
 
     Returns
     -------
@@ -186,7 +183,6 @@ def impact_ends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         With the axes `A_r`, `mu` and `mu_s`.
-    **look : see `Look`
 
     Returns
     -------
@@ -229,7 +225,6 @@ def shares(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         Of ``search(..., ask="fraction")`` over two axes; the last one runs to the right.
-    **look : see `Look`
 
     Returns
     -------
@@ -263,7 +258,6 @@ def planar(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         With paths, over one axis.
-    **look : see `Look`
 
     Returns
     -------
@@ -307,7 +301,6 @@ def walks(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ----------
     cube : xarray.Dataset
         With paths over one axis.
-    **look : see `Look`
 
     Returns
     -------

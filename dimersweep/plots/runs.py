@@ -1,6 +1,6 @@
 """Pictures of one recorded run: heights, orbit, phase portraits with their contact states, and its energy budget."""
 
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -168,7 +168,6 @@ def strobes(axes: Axes, run: SeenRun, angle: str) -> None:
     later = cycles >= cycles[-1] // 2  # transients are left out
     axes.plot(x[later], y[later], ".", color=MODE_COLORS["aperiodic"], markersize=3)
     axes.xaxis.set_major_locator(MaxNLocator(5))
-    beyond_round_off(axes)
 
 
 def _impact_marks(axes: Axes, course: xr.Dataset, name: str, value: float, color: str) -> None:
@@ -224,8 +223,8 @@ def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
     # over a whole forcing period: the mean velocity, without the wobble
     u, v = x[at + step] - x[at], y[at + step] - y[at]
     scale = 9 * max(np.hypot(u, v).max(), 1e-300) / (max(np.ptp(x), np.ptp(y)) or 1.0)
-    how = {"angles": "xy", "scale_units": "xy", "scale": scale}
-    axes.quiver(x[at], y[at], u, v, color="#0072b2", width=5e-3, zorder=3, **how)
+    how: Any = {"color": "#0072b2", "width": 5e-3, "zorder": 3}
+    axes.quiver(x[at], y[at], u, v, angles="xy", scale_units="xy", scale=scale, **how)
     axes.update_datalim(np.column_stack([x[at] + u / scale, y[at] + v / scale]))  # heads of arrows are not cut
     axes.plot(x[:1], y[:1], "o", color=ink(), markersize=5, label="start")
     axes.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
@@ -329,14 +328,8 @@ def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
     height = 0.8 / len(used)
     for k, term in enumerate(used):
         label, color = TERMS[term]
-        axes.barh(
-            rows + (k + 0.5) * height - 0.4,
-            works[term],
-            height,
-            color=color,
-            label=label,
-            hatch="////" if term in SLIPS else None,
-        )
+        hatch = "////" if term in SLIPS else None
+        axes.barh(rows + (k + 0.5) * height - 0.4, works[term], height, color=color, label=label, hatch=hatch)
     axes.set_xscale("symlog", linthresh=SMALLEST * 10 ** np.ceil(np.log10(greatest)))
     axes.axvline(0.0, color=ink(), lw=0.8)
     axes.set_yticks(rows, works.index)

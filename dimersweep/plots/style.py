@@ -51,7 +51,7 @@ WAY_MARKERS = (">", "<")
 PICTURES = (".png", ".pdf", ".svg")
 DPI = 200  # of a picture that is not made of lines
 FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}  # that journals take; text stays text
-ROUND_OFF = 1e-12  # of what is shown, in its unit: values that differ by less are drawn as one
+INDISTINCT = 1e-12  # of what is shown, in its unit: values that differ by less are drawn as one
 
 
 class Look(TypedDict, total=False):
@@ -93,6 +93,11 @@ class Board:
     given: Any = None
     title: str = ""
 
+    @property
+    def axes(self) -> list[Axes]:
+        """All panels of a figure, or the one that was given."""
+        return [self.given] if self.given else self.figure.axes
+
     def legend(self, where: str, handles: Sequence[Any], **how: Any) -> None:
         """A legend outside of the panels, where it hides nothing."""
         if handles and self.given is None:
@@ -101,23 +106,17 @@ class Board:
             beside = {"loc": "upper left", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0, "ncols": 1}
             self.given.legend(handles=handles, **how | beside)
 
-    def done(self) -> Figure:
-        """The figure, once all is drawn."""
-        for axes in self.figure.axes:
+    def done(self, above: float = 6.0) -> Figure:
+        """The figure, once all is drawn; the title stands so much `above` an Axes that was given [pt]."""
+        for axes in self.axes:
             beyond_round_off(axes)
         if self.title:
-            self.given.set_title(self.title, fontsize=10)
+            self.given.set_title(self.title, fontsize=10, pad=above)
         return self.figure
 
 
 def board(look: Look, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Board, Any]:
-    """A figure of `size` in inches with a heading and its panels, see `Figure.subplots`; or what a `look` asks for.
-
-    Raises
-    ------
-    ParameterError
-        For an `ax` that the picture does not fit into, or its size.
-    """
+    """A figure of `size` in inches with a heading and its panels, see `Figure.subplots`; or what a `look` asks for."""
     if left := look.keys() - Look.__optional_keys__:
         raise TypeError(f"{min(left)}: unknown option (allowed: {', '.join(Look.__annotations__)})")
     ax, wanted, title = look.get("ax"), look.get("size"), look.get("title")
@@ -147,9 +146,9 @@ def beyond_round_off(axes: Axes) -> None:
 def widened(low: float, high: float) -> tuple[float, float]:
     """Ends of a scale, set apart where round-off alone lies between them."""
     size = max(abs(low), abs(high))
-    if abs(high - low) > ROUND_OFF * max(1.0, size):
+    if abs(high - low) > INDISTINCT * max(1.0, size):
         return low, high
-    half = 0.05 * (size if size > ROUND_OFF else 1.0)
+    half = 0.05 * (size if size > INDISTINCT else 1.0)
     return low - half, high + half
 
 
@@ -161,8 +160,7 @@ def ink() -> str:
 def mode_colors() -> dict[str, str]:
     """Of each mode, in the style: black and white are the other way round on a dark ground."""
     dark = np.mean(to_rgb(rcParams["axes.facecolor"])) < 0.5
-    turned = {"not_run": MODE_COLORS["failed"], "failed": MODE_COLORS["not_run"]} if dark else {}
-    return MODE_COLORS | turned
+    return MODE_COLORS | ({"not_run": "#000000", "failed": "#ffffff"} if dark else {})
 
 
 def row_colors(n: int) -> list[Any]:

@@ -418,9 +418,7 @@ class Run(RunNumbers):
         return write_run(vars(self), self.events if self._record else xr.Dataset(), path, force=force)
 
     def plot(self, path: str | PathLike[str] | None = None, *, force: bool = False, **look: "Unpack[Look]") -> "Figure":
-        """Heights, orbit and phase portraits, and a picture of them at `path` if one is given.
-
-        Its place, size and title are those that `look` gives, see `dimersweep.plots.Look`.
+        """Heights, orbit and phase portraits, and a picture of them at `path` if one is given; `look` as in `plots.Look`.
 
         Raises
         ------
