@@ -66,6 +66,12 @@ class Look(TypedDict, total=False):
         Width and height of the figure that is made [inches].
     title : str
         The heading, in place of the one that tells the parameters; "" for none.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
+    >>> plots.mode_map(cube, size=(5, 3), title="Modes").savefig("modes.pdf")
     """
 
     ax: Axes | FigureBase | None
