@@ -69,7 +69,7 @@ def paths(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         teeth.plot(cycles, 1e3 * (np.hypot(x - a, y - b)[piece] - radius), color=color, linewidth=1)
     whole.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
     teeth.set(xlabel="time [forcing periods]", ylabel="distance from the circle [mm]")
-    board.legend("lower center", whole.lines, ncols=min(len(whole.lines), 4))
+    board.legend("lower center", whole.lines, ncols=min(len(whole.lines), 4), fontsize=9)
     return board.done()
 
 
