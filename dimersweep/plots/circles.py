@@ -64,7 +64,7 @@ def circles(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
             how: dict[str, Any] = {"s": cell.max() ** 2, "marker": cell * [(-1, -1), (1, -1), (1, 1), (-1, 1)]}
             for chosen, color in zip((np.isfinite(at), np.isnan(at)), NO_CIRCLE.values(), strict=True):
                 axes.scatter(*(column[chosen & ~has_circle] for column in columns), color=color, **how)
-            norm = LogNorm() if quantity == "sustained_time" else None
+            norm = LogNorm() if quantity == "sustained_time" and np.isfinite(values[has_circle]).any() else None
             drawn = axes.scatter(*(column[has_circle] for column in columns), c=values[has_circle], norm=norm, **how)
             board.figure.colorbar(drawn, ax=axes, label=text)
             mark(axes.yaxis, names[1])
