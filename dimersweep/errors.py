@@ -1,5 +1,6 @@
 """Errors that are the user's to mend: each message is one line with the name, the value and what is allowed."""
 
+import re
 from collections.abc import Iterable
 
 
@@ -95,15 +96,19 @@ class Stopped(KeyboardInterrupt):
         self.signal = signal
 
 
-def unknown(name: str, kind: str, allowed: Iterable[str]) -> str:
-    """What to say of a `name` that is none of `allowed`: which one it is near to, and all of them."""
+def unknown(name: str, kind: str, allowed: Iterable[str], rest: str = "") -> str:
+    """What to say of a `name` that is none of `allowed`: which it is near to, and all of them, or where to find the `rest`."""
     from difflib import get_close_matches
+
+    def plain(text: str) -> str:  # capitals, and zeros before a number, are alike
+        return re.sub(r"0+(?=\d)", "", text.lower())
 
     allowed = list(allowed)
     words, word = {each.lstrip("-"): each for each in allowed}, str(name).lstrip("-")  # the dashes of options are alike
-    near = get_close_matches(word, words, 1) or [each for each in words if each.lower() == word.lower()]
-    meant = f"; did you mean {words[near[0]]}?" if near else ""
-    return f"{one_line(name)}: unknown {kind}{meant} (allowed: {', '.join(allowed)})"
+    same = [each for each in words if plain(each) == plain(word)]
+    near = same or get_close_matches(word, words, 3 if rest else 1)
+    meant = f"; did you mean {' or '.join(words[each] for each in near)}?" if near else ""
+    return f"{one_line(name)}: unknown {kind}{meant} ({rest or 'allowed: ' + ', '.join(allowed)})"
 
 
 def one_line(error: object) -> str:

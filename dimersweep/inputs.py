@@ -109,6 +109,8 @@ def number(name: str, value: Any, units: str | None = None) -> float:
     if size is None:
         either = ', or an angle with its unit such as "16 deg"' if units == "rad" else ""
         raise ParameterError(f"{name} = {value!r}: must be a number{either}")
+    if re.match(r",\d", unit):
+        raise ParameterError(f"{name} = {value!r}: has a decimal comma; give {value.replace(',', '.', 1).strip()}")
     if unit not in factors:
         raise ParameterError(
             f"{name} = {value!r}: the unit must be {'left out' if units == '1' else units_taken(units)}"

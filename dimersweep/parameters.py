@@ -91,7 +91,8 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
             continue
         value, others = np.atleast_1d(given)[np.argmin(kept)], np.atleast_1d(unit)
         allowed = rule.allowed.format(other, float(others[np.argmin(rule.holds(value, others))]))
-        raise ParameterError(f"{name} = {float(value)}: must be {allowed}")
+        degrees = f" ({np.rad2deg(value):.6g} deg)" if PARAMETERS[name].units == "rad" else ""
+        raise ParameterError(f"{name} = {float(value)}{degrees}: must be {allowed}")
 
 
 def _rules_for(columns: Collection[str]) -> Iterator[tuple[Rule, str, str]]:

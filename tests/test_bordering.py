@@ -194,7 +194,7 @@ def test_curves_are_those_of_border(tmp_path):
     over["mode"].attrs["flag_meanings"] = " ".join(MODES)
     figure = draw_borders(made.swap_dims(kind="border"), over)
     figure.savefig(tmp_path / "figure.png")
-    (region,) = [patch for patch in figure.axes[0].get_legend().get_patches() if patch.get_label().startswith("drift")]
+    (region,) = [patch for patch in figure.legends[0].get_patches() if patch.get_label().startswith("drift")]
     (cells,) = figure.axes[0].collections
     assert to_rgb(region.get_facecolor()[:3]) == pytest.approx(to_rgb(cells.get_facecolor()[0][:3]))
 

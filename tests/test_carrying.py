@@ -432,7 +432,7 @@ def test_pictures_have_both_ways(both):
     (axes,) = plots.mode_map(one).axes
     assert [text.get_text() for text in axes.get_yticklabels()] == ["going up", "going down"]
     (axes,) = plots.quantity_map(one, "radius").axes
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["going up", "going down"]
+    assert [text.get_text() for text in axes.figure.legends[0].get_texts()] == ["going up", "going down"]
     diagram = bifurcation({"Gamma": GAMMA}, carry="both", strobes=2, **QUIET)
     titles = [title for title in shown(plots.draw(diagram)) if title]
     assert titles == ["going up", "going down"]

@@ -1,29 +1,39 @@
 """What is drawn, read back from the figures and compared with the data; and pictures of next to nothing."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib import style as in_style
+from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 import dimersweep
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.cubes.grid import make_points
 from dimersweep.errors import ParameterError
+from dimersweep.fits import Waveform
 from dimersweep.fits.pictures import draw_fit
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_JUMP, M_NOT_RUN, M_REST, MODES
 from dimersweep.orbits.pictures import draw_borders
-from dimersweep.plots import FIGURES, draw, energy_budget, last_cycle, movie, orbit, run_figure, view
+from dimersweep.plots import FIGURES, draw, energy_budget, last_cycle, movie, orbit, run_figure, view, write_picture
 from dimersweep.plots import playback as playing
-from dimersweep.plots.attractors import attractors
+from dimersweep.plots.attractors import MOST_NAMED, attractors, looks_of
+from dimersweep.plots.orbits import END_COLORS, LEFT_OUT_COLOR
+from dimersweep.plots.runs import SLIPS, TERMS
+from dimersweep.plots.style import ROW_COLORS, mode_colors, row_colors
 from tests.checks.cubes import built, cube_of
+from tests.checks.seeing import apart
 
 pytestmark = pytest.mark.filterwarnings("error")
 D, R, J = M_DRIFT, M_REST, M_JUMP
-COLORS = {"drift": "#0072b2", "rest": "#999999", "jump": "#e69f00", "flutter": "#009e73", "failed": "#000000"}
+COLORS = {"drift": "#0072b2", "rest": "#999999", "jump": "#e69f00", "flutter": "#139059", "failed": "#000000"}
 RED, BLUE, BLACK = "#d62728", "#1f4fd8", "#000000"  # of p1; of the first row
-ENDS = {"none": "#ffffff", "sp_sp": "#0072b2", "sp_sk": "#e69f00", "sk_sp": "#cc79a7", "sk_sk": "#009e73"}
+ENDS = {"none": "#ffffff", "sp_sp": "#0072b2", "sp_sk": "#e69f00", "sk_sp": "#dd99cc", "sk_sk": "#009e73"}
 
 
 def with_paths(cube, per_period=4):
@@ -159,8 +169,9 @@ def test_segments_are_the_angles_that_drift_in_their_rows():
     np.testing.assert_allclose(degrees.get_xlim(), [0, 90])
 
 
-def test_regions_are_in_their_places():
-    modes = np.array([[R, R, J], [R, D, J], [R, D, R]])  # over e, then Gamma
+def region_map():
+    """Modes over e, then Gamma, and a cube with their regions."""
+    modes = np.array([[R, R, J], [R, D, J], [R, D, R]])
     cube = cube_of(modes, {"e": [0.4, 0.5, 0.7], "Gamma": [0.8, 0.9, 1.1]})
     words = np.where(modes == D, "drift", np.where(modes == R, "rest", "mixed"))
     codes = np.vectorize({word: k for k, word in enumerate(FLAGS["region"])}.get)(words)
@@ -169,19 +180,22 @@ def test_regions_are_in_their_places():
         codes,
         {"flag_values": np.arange(len(FLAGS["region"])), "flag_meanings": " ".join(FLAGS["region"])},
     )
+    return modes, cube
+
+
+def test_regions_are_in_their_places():
+    modes, cube = region_map()
     figure = drawn(draw(cube, "regions"))
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("$e$", r"$\Gamma$")
-    pale = {"drift": "#ffffff"} | {
-        word: to_hex(0.6 * np.array(to_rgb(COLORS[word])) + 0.4) for word in ("rest", "jump")
-    }
+    shown = {"drift": "#ffffff", "rest": to_hex(0.6 * np.array(to_rgb(COLORS["rest"])) + 0.4), "jump": COLORS["jump"]}
     hatched = {}
     for each in axes.collections:
         if isinstance(each, QuadContourSet) and each.filled:
             hatched[each.hatches[0]] = each.get_paths()[0]
     for i, e in enumerate([0.4, 0.5, 0.7]):
         for j, Gamma in enumerate([0.8, 0.9, 1.1]):
-            assert color_at(axes, e, Gamma) == pale[MODES[modes[i, j]]]
+            assert color_at(axes, e, Gamma) == shown[MODES[modes[i, j]]]
             assert hatched["|||"].contains_point((e, Gamma)) == (modes[i, j] == D)
             assert hatched["///"].contains_point((e, Gamma)) == (modes[i, j] == R)
     lines = [each for each in axes.collections if isinstance(each, QuadContourSet) and not each.filled]
@@ -289,7 +303,7 @@ def test_the_least_period_is_marked_where_it_is():
     assert {left.get_xlabel(), right.get_xlabel()} == {r"$\dot{x}_1(0)$ [m/s]"}
     cube["period"][1, 8] = np.nan  # at the bottom: not located, and not marked
     left, right = draw(cube, "minimum").axes
-    assert left.get_legend().get_texts()[-1].get_text() == "$A_r$ = 6: no minimum located"
+    assert left.figure.legends[0].get_texts()[-1].get_text() == "$A_r$ = 6: no minimum located"
     assert len(right.lines) == 4  # two curves, the place of one minimum, pi/2
 
 
@@ -327,13 +341,13 @@ def test_the_ends_of_impacts_lie_at_mu_and_mu_s():
     (axes,) = figure.axes
     for i, mu in enumerate((0.1, 0.3)):
         for j, mu_s in enumerate((0.4, 0.5, 0.7)):
-            color = "#d9d9d9" if modes[0, i, j] == M_NOT_RUN else ENDS[ends[0, i, j]]
+            color = "#505050" if modes[0, i, j] == M_NOT_RUN else ENDS[ends[0, i, j]]
             assert color_at(axes, mu, mu_s) == color
     assert (axes.get_xlabel(), axes.get_ylabel()) == (r"$\mu$", r"$\mu_s$")
     np.testing.assert_allclose(axes.lines[0].get_xdata(), 0.19958, atol=1e-5)
     words = {"none": "no drift found"}
     assert legend_of(figure) == {words.get(end, end): color for end, color in ENDS.items()} | {
-        r"$\mu_s < \mu$: not run": "#d9d9d9"
+        r"$\mu_s < \mu$: not run": "#505050"
     }
     two = cube_of(np.full((2, 2, 2), D), {"A_r": [5, 7], "mu": [0.1, 0.2], "mu_s": [0.3, 0.4]})
     titles = [axes.get_title() for axes in draw(two, "impact_ends").axes]
@@ -409,7 +423,8 @@ def test_bars_are_the_shares_of_attractors_with_their_bounds(share, over):
     ]
     bars = axes.containers[-1].patches if hasattr(axes.containers[-1], "patches") else axes.patches
     np.testing.assert_allclose([bar.get_height() for bar in bars], [20, 50, 30])
-    assert to_hex(bars[0].get_facecolor()) == COLORS["rest"] and len({bar.get_facecolor() for bar in bars}) == 3
+    looks = [(to_hex(bar.get_facecolor()), bar.get_hatch()) for bar in bars]
+    assert looks == [(COLORS["rest"], ""), (COLORS["drift"], ""), (COLORS["drift"], "//")]
     spans = [np.array(segment)[:, 1] for each in axes.collections for segment in each.get_segments()]
     np.testing.assert_allclose(spans, [[15, 30], [45, 60], [25, 40]])
     assert axes.get_ylabel() == "share of the starts [%]"
@@ -474,7 +489,7 @@ def test_branches_are_solid_where_they_are_stable_and_marked_where_they_change()
         }
         np.testing.assert_array_equal(marks["s"], points[[2]])
         np.testing.assert_array_equal(marks["D"], points[[7]])
-    texts, handles = figure.axes[0].get_legend().get_texts(), figure.axes[0].get_legend().legend_handles
+    texts, handles = figure.legends[0].get_texts(), figure.legends[0].legend_handles
     told = {text.get_text(): handle for text, handle in zip(texts, handles, strict=True)}
     assert (told["stable"].get_linestyle(), told["unstable"].get_linestyle()) == ("-", "--")
     assert (told["fold"].get_marker(), told["flip"].get_marker()) == ("s", "D")
@@ -518,12 +533,13 @@ def test_curves_of_borders_are_drawn_over_their_last_axis_in_the_style_of_the_ot
     for path in shades:
         assert [path.contains_point((0.6, Gamma)) for Gamma in (1.0, 1.2, 2.5, 2.7)] == [False, True, True, False]
     assert len(shades) == 2
-    assert color_at(axes, 0.5, 1.1) == "#c6dbef" and color_at(axes, 0.6, 0.9) == "#c6dbef"
-    texts = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert color_at(axes, 0.5, 1.1) == COLORS["drift"] == color_at(axes, 0.6, 0.9)
+    texts = [text.get_text() for text in figure.legends[0].get_texts()]
     assert {"$A_r$ = 5", "$A_r$ = 6", "fold", "double_impact", "ball, closed form"} <= set(texts)
 
 
-def test_families_are_drawn_over_their_spin_with_the_least_period():
+def family_table():
+    """Two families over the spin: the period of one has a minimum, that of the other falls on."""
     spin = np.array([90.0, 100, 110, 120])
     period = np.array([[5.0, 4, 6, 7], [9, 8, 7, 6.5]])
     columns = {"radius": period + 1, "period": period, "zeta": period / 5, "spin_drift": -0.01 * period * spin}
@@ -532,7 +548,12 @@ def test_families_are_drawn_over_their_spin_with_the_least_period():
         {"spin": spin, "A_r": ("over", [5.0, 6.0])},
     )
     table.attrs = {"title": "t", "what": "families"}
-    radius, seconds, zeta, decay = drawn(draw_borders(table)).axes
+    return table
+
+
+def test_families_are_drawn_over_their_spin_with_the_least_period():
+    spin, period = np.array([90.0, 100, 110, 120]), np.array([[5.0, 4, 6, 7], [9, 8, 7, 6.5]])
+    radius, seconds, zeta, decay = drawn(draw_borders(family_table())).axes
     for k in range(2):
         for axes, values in ((radius, period[k] + 1), (seconds, period[k]), (zeta, period[k] / 5)):
             np.testing.assert_allclose(labelled(axes)[f"$A_r$ = {5 + k}"].get_xydata(), np.column_stack([spin, values]))
@@ -726,6 +747,129 @@ def test_a_movie_shows_the_balls_where_they_are(run):
     ]
 
 
+# --- styles, places and files ----------------------------------------------------------------------------------------
+STYLES = ("default", "dark_background", "ggplot")
+ONE_PANEL = ("mode_map", "segments", "planar", "regions", "attractors", "bars", "curves", "ways", "quantity")
+
+
+def picture_of(kind, run, **look):
+    """A picture of each kind that there is."""
+    if kind in ("attractors", "bars"):
+        table = shares_of([[0.2, 0.8, 0], [0.5, 0.3, 0.2], [0, 0.4, 0.6]], Gamma=[0.8, 0.9, 1.0])
+        return attractors(table if kind == "attractors" else table.isel(Gamma=1), **look)
+    if kind in ("branches", "curves", "families"):
+        return draw_borders({"branches": branch_table, "curves": curve_table, "families": family_table}[kind](), **look)
+    if kind == "fit":
+        return draw_fit(
+            {"e": 0.6, "Gamma": 0.9, "f": 15.0}, 1e-4 * np.eye(3), dict.fromkeys(("e", "Gamma", "f"), (0, 20)), **look
+        )
+    if kind == "waveform":
+        return Waveform(15.0, {"z": {1: (0.9, 0.0), 2: (0.02, 1.0)}}).plot(**look)
+    if kind == "run":
+        return run_figure(run, **look)
+    if kind == "quantity":
+        cube = cube_of(np.full((2, 2), D), {"f": [15, 20], "e": [0.5, 0.6]}, radius=[[1.0, 2], [3, 4]])
+        return draw(cube, quantity="radius", **look)
+    if kind == "ways":
+        both = [cube_of([D, D, D], {"Gamma": [0.8, 0.9, 1.1]}, zeta=[1.0, 2, k]) for k in (3, 4)]
+        return draw(xr.concat(both, dim="direction").assign_coords(direction=[0, 1]), quantity="zeta", **look)
+    cube = cubes_of_each_kind()[kind]
+    return draw(cube, kind, **look)
+
+
+KINDS = (
+    *("mode_map", "segments", "regions", "trends", "minimum", "impact_ends", "paths", "walks", "planar", "bifurcation"),
+    *("circles", "quantity", "ways", "attractors", "bars", "branches", "curves", "families", "fit", "waveform", "run"),
+)
+
+
+def all_apart(colors, least=20):
+    """Each two of them, to all readers."""
+    return not [pair for pair in combinations(colors, 2) if apart(*pair) < least]
+
+
+@pytest.mark.parametrize("name", STYLES)
+def test_colours_are_told_apart_by_readers_with_deuteranopia_and_protanopia(name):
+    with in_style.context(name):
+        assert all_apart(mode_colors().values())
+        assert all_apart(row_colors(len(ROW_COLORS)))
+        assert all_apart([*END_COLORS.values(), LEFT_OUT_COLOR])
+        assert all_apart([color for term, (_, color) in TERMS.items() if term not in SLIPS])
+        assert all_apart([color for term, (_, color) in TERMS.items() if term in SLIPS])  # hatched
+        words = ["rest", "aperiodic", "rolls", "slides", "failed", "unresolved", *["drift"] * 14, "flutter", "jump"]
+        for named in (words[:MOST_NAMED], words[::-1][:MOST_NAMED]):
+            table = xr.Dataset({"mode": ("attractor", named)}, {"attractor": np.arange(len(named))})
+            for (one, hatch), (other, across) in combinations(looks_of(table), 2):
+                assert hatch != across or apart(one, other) >= 20
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("name", STYLES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_lines_and_words_are_seen_on_the_ground_of_each_style_and_files_have_fonts(kind, name, run, tmp_path):
+    with in_style.context(name):
+        figure = drawn(picture_of(kind, run))
+        for axes in figure.axes:
+            for line in axes.lines:
+                for color in (line.get_color(), line.get_markeredgecolor()) if line.get_alpha() is None else ():
+                    assert apart(color, axes.get_facecolor()) >= 20, (line.get_label(), color)
+            for text in axes.findobj(Text):
+                assert apart(text.get_color(), figure.get_facecolor()) >= 20, text
+        for each in figure.legends:
+            panels = [axes.get_window_extent() for axes in figure.axes if axes.axison]
+            assert not any(each.get_window_extent().overlaps(panel) for panel in panels)
+        figure.savefig(tmp_path / "a.pdf")
+        write_picture(figure, tmp_path / "a.svg")
+    told = (tmp_path / "a.pdf").read_bytes()
+    assert b"/CIDFontType2" in told and b"/Type3" not in told
+    assert "<text" in (tmp_path / "a.svg").read_text(encoding="utf-8")
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_picture_is_drawn_where_it_is_wanted(kind, run):
+    own = drawn(picture_of(kind, run, size=(5, 6), title="mine"))
+    assert own.get_size_inches().tolist() == [5, 6] and own.get_suptitle() == "mine"
+    assert not picture_of(kind, run, title="").get_suptitle()
+    whole = Figure((20, 7), layout="constrained")
+    for part in whole.subfigures(1, 2):
+        assert picture_of(kind, run, ax=part, title="mine") is part
+        assert part.get_suptitle() == "mine" and len(part.axes) == len(own.axes)
+    drawn(whole)
+    left, right = (figure := Figure((12, 4), layout="constrained")).subplots(1, 2)
+    if kind not in ONE_PANEL:
+        with pytest.raises(
+            ParameterError, match=r"^ax: is one Axes for a picture of [2-9] panels; give a Figure or SubFi"
+        ):
+            picture_of(kind, run, ax=left)
+        return
+    assert picture_of(kind, run, ax=left, title="mine") is figure
+    assert left.get_title() == "mine" and left.has_data() and not right.has_data() and not figure.get_suptitle()
+    assert not figure.legends and (kind in ("segments", "quantity", "bars")) == (left.get_legend() is None)
+    drawn(figure)
+    assert isinstance(left, Axes) and left.get_window_extent().width > 1
+
+
+def test_round_off_fills_no_panel():
+    tiny = cube_of([D, D, D], {"Gamma": [0.8, 0.9, 1.1]}, zeta=[1e-31, -2e-31, 3e-31])
+    low, high = draw(tiny, quantity="zeta").axes[0].get_ylim()
+    assert high - low > 0.01
+    cube = cube_of(np.full((2, 2), D), {"f": [15, 20], "e": [0.5, 0.6]}, zeta=np.pi / 2 + 1e-15 * np.eye(2))
+    low, high = draw(cube, quantity="zeta").axes[0].collections[0].get_clim()
+    assert high - low > 0.01 and low < np.pi / 2 < high
+
+
+@pytest.mark.jit
+def test_no_arrow_is_cut(run):
+    axes = Figure().subplots()
+    orbit(axes, run)
+    drawn(axes.figure)
+    (arrows,) = (each for each in axes.collections if hasattr(each, "U"))
+    heads = arrows.get_offsets() + np.column_stack([arrows.U, arrows.V]) / arrows.scale
+    for values, (low, high) in zip(heads.T, (axes.get_xlim(), axes.get_ylim()), strict=True):
+        assert low < values.min() and values.max() < high
+
+
 # --- next to nothing --------------------------------------------------------------------------------------------------
 def cubes_of_each_kind():
     cube, _ = laws()
@@ -742,6 +886,7 @@ def cubes_of_each_kind():
         "planar": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})).assign(axial_velocity=("f", [1.0, 2, 3])),
         "bifurcation": strobed(cube_of([R, D, D], {"Gamma": [0.8, 0.9, 1.1]})),
         "circles": with_circles(cube_of([[D, D], [D, R]], {"e": [0.6, 0.65], "Gamma": [0.8, 0.9]})),
+        "regions": region_map()[1],
     }
 
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 
 from dimersweep import (
     attractors,
@@ -78,7 +79,7 @@ WORDS = {
     "fit": fit, "Measured": Measured, "circle": circle, "plots": plots, "draw": draw, "open_cube": open_cube, "names": names,
     "observer": observer, "own": own_observers, "partial": partial,
     "exponents": exponents, "radii": radii, "declared": declared, "borders": borders, "points": points, "table": table,
-    "explore": explore, "LivePage": LivePage,
+    "explore": explore, "LivePage": LivePage, "Figure": Figure,
     "NESTED": reduce(lambda inner, _: [inner], range(5000), 1.0),
     "MANY": {"start": 0.1, "stop": 0.9, "num": 10_000},
     "AXES": {"f": [1, 3], "e": [0.5, 0.6], "beta0": [0.1, 0.2]},

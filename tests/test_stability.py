@@ -166,7 +166,7 @@ def test_a_bouncing_end_in_chaos_has_the_exponent_of_a_ball(e_2):
 
 def test_what_has_no_multipliers_is_told(drift):
     chaos = simulate(e=0.8, Gamma=3.0, f=25.0, beta0=0.3, periods=80)
-    with pytest.raises(ParameterError, match="does not repeat"):
+    with pytest.raises(ParameterError, match=r"does not repeat \(mode aperiodic\); lyapunov tells its growth$"):
         multipliers(chaos)
     with pytest.raises(ParameterError, match="nothing was recorded"):
         lyapunov(simulate(periods=1, record=False))

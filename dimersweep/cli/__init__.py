@@ -71,11 +71,11 @@ def _fail(message: str) -> None:
 
 
 def _unknown_option(error: Any) -> str:
-    """What to say of an option that a command does not have, with those that it has; nothing of any other error."""
+    """What to say of an option that a command does not have, with those near it; nothing of any other error."""
     if not (hasattr(error, "option_name") and hasattr(error, "possibilities")):
         return ""
-    there = (option for each in error.ctx.command.get_params(error.ctx) for option in each.opts)
-    return unknown(error.option_name, "option", (option for option in there if option.startswith("--")))
+    there = [option for each in error.ctx.command.get_params(error.ctx) for option in each.opts if option[:2] == "--"]
+    return unknown(error.option_name, "option", there, f"{error.ctx.command_path} --help has all")
 
 
 def _refused(error: OSError) -> str:

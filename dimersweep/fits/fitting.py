@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -19,6 +19,7 @@ from dimersweep.fits.tracks import Track
 from dimersweep.orbits.finding import RTOL
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import Recorder
+from dimersweep.plots.style import Look
 from dimersweep.symbols import PARAMETERS, units_shown
 
 FIRST_LOOKS = 8  # points of the ranges that are looked at for each free parameter, and once more
@@ -136,8 +137,8 @@ class Fit:
         lines.append(f"chi-square {self.chi_square:.3g}; a greater one has a probability of {self.probability:.2g}")
         return "\n".join([*lines, *self.notes, *self.undetermined, f"cost: {self.cost:,.0f} forcing periods"])
 
-    def plot(self) -> Figure:
-        """The regions of one and two standard deviations of each pair of free parameters.
+    def plot(self, **look: Unpack[Look]) -> Figure:
+        """The regions of one and two standard deviations of each pair of free parameters; `look` as in `plots.Look`.
 
         Examples
         --------
@@ -145,7 +146,7 @@ class Fit:
         >>> data = {"path_radius": (4.06, 0.02), "zeta": (1.6, 0.002)}
         >>> fits.fit(data, {"e": (0.55, 0.75), "A_r": (5.5, 6.5)}).plot().savefig("fit.png")
         """
-        return draw_fit(self.values, self.covariance, self.ranges)
+        return draw_fit(self.values, self.covariance, self.ranges, **look)
 
 
 def fit(

@@ -1,20 +1,22 @@
 """The picture of a fit."""
 
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from dimersweep.fits.measured import MEASURABLE
-from dimersweep.plots.style import Drawing, with_units
+from dimersweep.plots.style import Look, board, ink, with_units
 from dimersweep.symbols import PARAMETERS, symbol, units_shown
 
 DEVIATIONS = (2, 1)
 CORNERS = 181  # of a drawn ellipse
 
 
-def draw_fit(values: dict[str, float], covariance: np.ndarray, ranges: dict[str, tuple[float, float]]) -> Figure:
+def draw_fit(
+    values: dict[str, float], covariance: np.ndarray, ranges: dict[str, tuple[float, float]], **look: Unpack[Look]
+) -> Figure:
     """Regions of one and two standard deviations of each pair of free parameters; of one alone, its density.
 
     Parameters
@@ -23,6 +25,7 @@ def draw_fit(values: dict[str, float], covariance: np.ndarray, ranges: dict[str,
     covariance : ndarray, shape (n, n)
     ranges : dict
         Of the free parameters.
+    **look : see `dimersweep.plots.Look`
 
     Returns
     -------
@@ -30,11 +33,11 @@ def draw_fit(values: dict[str, float], covariance: np.ndarray, ranges: dict[str,
     """
     names = list(values)
     n = max(1, len(names) - 1)
-    figure = Drawing(1.2 + 3.0 * n, 0.8 + 2.6 * n)
-    panels: Any = figure.subplots(n, n, squeeze=False, sharex="col", sharey="row" if len(names) > 1 else "none")
+    shared: Any = {"squeeze": False, "sharex": "col", "sharey": "row" if len(names) > 1 else "none"}
+    place, panels = board(look, (1.2 + 3.0 * n, 0.8 + 2.6 * n), nrows=n, ncols=n, **shared)
     if len(names) == 1:
         _density(panels[0, 0], names[0], values[names[0]], float(covariance[0, 0]), ranges[names[0]])
-        return figure
+        return place.done()
     for row, column in np.ndindex(n, n):
         axes: Axes = panels[row, column]
         axes.set_visible(column <= row)
@@ -44,8 +47,8 @@ def draw_fit(values: dict[str, float], covariance: np.ndarray, ranges: dict[str,
     for k in range(n):
         panels[-1, k].set_xlabel(_label(names[k]))
         panels[k, 0].set_ylabel(_label(names[k + 1]))
-    panels[0, 0].legend(fontsize=8)
-    return figure
+    place.legend("lower center", panels[0, 0].get_legend_handles_labels()[0], fontsize=8, ncols=3)
+    return place.done()
 
 
 def _ellipses(
@@ -69,7 +72,7 @@ def _ellipses(
             for times in DEVIATIONS if np.isfinite(error) else ():
                 draw = axes.axhspan if k else axes.axvspan
                 draw(centre[k] - times * error, centre[k] + times * error, color="C0", alpha=0.25, lw=0)
-    axes.plot(*centre, "k+", label="fit", clip_on=False)
+    axes.plot(*centre, "+", color=ink(), label="fit", clip_on=False)
     axes.set(xlim=ranges[pair[0]], ylim=ranges[pair[1]])
     axes.grid(alpha=0.3)
 

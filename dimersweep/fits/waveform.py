@@ -4,7 +4,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, as_numbers, number, read_toml
 from dimersweep.kernel.model.layout import HARMONICS
-from dimersweep.plots.style import Drawing
+from dimersweep.plots.style import Look, board, ink
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
 from dimersweep.symbols import BASE
@@ -203,25 +203,23 @@ class Waveform:
         angles = 2 * np.pi * np.asarray(cycles, float)
         return np.sum([-size * np.sin(k * angles + phase) for k, (size, phase) in self.waves[axis].items()], axis=0)
 
-    def plot(self) -> Figure:
-        """One period of each axis, and the spectra of the record and of what of it is not periodic.
+    def plot(self, **look: Unpack[Look]) -> Figure:
+        """One period of each axis, and the spectra of the record and of what of it is not periodic; `look` as in `plots.Look`.
 
         Examples
         --------
         >>> from dimersweep.fits import Waveform
         >>> Waveform(15.0, {"z": {1: (0.9, 0.0), 2: (0.02, 1.0)}}).plot().savefig("plate.png")
         """
-        figure = Drawing(11, 1 + 2.6 * len(self.waves))
-        panels: Any = figure.subplots(len(self.waves), 2, squeeze=False)
+        place, panels = board(look, (11, 1 + 2.6 * len(self.waves)), nrows=len(self.waves), ncols=2, squeeze=False)
         cycles = np.linspace(0, 1, 401)
         for k, (axis, wave) in enumerate(self.waves.items()):
             left, right = panels[k]
             left.plot(cycles, self.acceleration(cycles, axis), label="all harmonics")
             if 1 in wave:
                 first = Waveform(self.f, {axis: {1: wave[1]}})
-                left.plot(cycles, first.acceleration(cycles, axis), "k:", lw=1, label="the first one")
+                left.plot(cycles, first.acceleration(cycles, axis), ":", color=ink(), lw=1, label="the first one")
             left.set(xlim=(0, 1), xlabel="time [forcing periods]", ylabel=f"acceleration along {axis} [g]")
-            left.legend(fontsize=8)
             left.grid(alpha=0.3)
             if self.spectrum is not None:
                 frequencies, densities = self.spectrum
@@ -230,12 +228,13 @@ class Waveform:
                 right.set_ylabel("spectral density [g Hz$^{-1/2}$]")
             for order in wave:
                 right.axvline(
-                    order * self.f, color="black", lw=0.5, ls=":", label="harmonics" if order == min(wave) else None
+                    order * self.f, color=ink(), lw=0.5, ls=":", label="harmonics" if order == min(wave) else None
                 )
             right.set(xlabel="frequency [Hz]")
-            right.legend(fontsize=8)
             right.grid(alpha=0.3)
-        return figure
+        handles = [each for axes in panels[0] for each in axes.get_legend_handles_labels()[0]]
+        place.legend("lower center", handles, fontsize=8, ncols=5)
+        return place.done()
 
     def __repr__(self) -> str:
         words = [f"f {self.f:.8g} Hz"]

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Collection, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -17,11 +17,12 @@ from dimersweep.cubes.cube import names
 from dimersweep.cubes.findings import edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.kinds import BORDER_KINDS, STABLE_FROM, STABLE_TO
-from dimersweep.plots.style import Drawing, entitle, given, log_scale, mark
+from dimersweep.plots.style import MODE_COLORS, Board, Look, board, given, ink, log_scale, mark
 from dimersweep.symbols import BASE, PARAMETERS, conditions
 
 STYLES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
-REGION_COLOR, STABLE_COLOR = "#c6dbef", "#e5f5e0"
+REGION_COLOR, STABLE_COLOR = MODE_COLORS["drift"], MODE_COLORS["flutter"]
+REGION_SHADE, STABLE_SHADE = 0.22, 0.15
 PALE = 0.35  # of curves of orbits that are unstable on both sides
 SMOOTH = 12  # places of a drawn branch between two of its points
 MARKERS = {kind.name: kind.marker for kind in BORDER_KINDS.values()}
@@ -29,7 +30,7 @@ SPIN_LABEL = "axial spin [rad/s]"
 PANELS = {"radius": "radius [m]", "period": "period [s]", "zeta": r"$\zeta$ [rad]"}
 
 
-def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
+def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None, **look: Unpack[Look]) -> Figure:
     """The picture of a dataset of borders.
 
     Parameters
@@ -38,6 +39,7 @@ def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
         Of curves, branches or families.
     over : xarray.Dataset, optional
         A map of regions, under curves that have its axes.
+    **look : see `dimersweep.plots.Look`
 
     Returns
     -------
@@ -49,25 +51,25 @@ def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
         If the dataset is none of borders, or the map has other axes.
     """
     if {"kind", "ball"} <= set(table.variables):
-        return curves(table, over)
+        return curves(table, over, look)
     if over is not None:
         raise ParameterError("over: only curves are drawn over a map")
     if "special" in table:
-        return branches(table)
+        return branches(table, look)
     if "spin" in table.dims:
-        return families(table)
+        return families(table, look)
     raise ParameterError("the dataset has neither curves nor branches nor families of orbits")
 
 
-def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
-    """Borders along the last axis, one line style for each value of the others; the ball's closed forms are thin and black.
+def curves(table: xr.Dataset, over: xr.Dataset | None, look: Look) -> Figure:
+    """Borders along the last axis, one line style for each value of the others; the ball's closed forms are thin.
 
     Between the two ends of stability is a shade. Bifurcations of orbits that are unstable on both sides are pale.
     """
     table = table.swap_dims(border="kind")
     y = table.attrs["parameter"]
     *others, x = [str(dim) for dim in table[y].dims if dim != "kind"]
-    figure, axes = _framed(table, (8, 6), [x, y])
+    place, axes = _framed(look, table, (8, 6), [x, y])
     handles: list[Any] = [] if over is None else [_map_under(axes, over, x, y)]
     flat = table.stack(line=others) if others else table.expand_dims("line")
     ends = [STABLE_FROM.name, STABLE_TO.name]
@@ -86,39 +88,37 @@ def curves(table: xr.Dataset, over: xr.Dataset | None = None) -> Figure:
             axes.plot(row[x], taken, **how)
         ball = lines[0][0].sel(kind=kind)["ball"]
         if np.isfinite(ball).any():
-            axes.plot(ball[x], ball, color="black", linewidth=0.7)
+            axes.plot(ball[x], ball, color=ink(), linewidth=0.7)
         handles.append(Line2D([], [], color=color, label=kind))
     for line, style in lines if others else ():
         words = ", ".join(given(name, float(line[name])) for name in others)
         handles.append(Line2D([], [], color="gray", linestyle=style, label=words))
-    handles.append(Line2D([], [], color="black", linewidth=0.7, label="ball, closed form"))
+    handles.append(Line2D([], [], color=ink(), linewidth=0.7, label="ball, closed form"))
     mark(axes.xaxis, x)
     mark(axes.yaxis, y)
-    axes.legend(handles=handles, fontsize=8)
-    return figure
+    place.legend("lower center", handles, fontsize=8, ncols=4)
+    return place.done()
 
 
 def _stable_shaded(axes: Axes, flat: xr.Dataset, x: str, y: str) -> Patch:
     """Shade where an orbit is stable, on each line; its handle for a legend."""
     low, high = (flat.sel(kind=kind.name)[y] for kind in (STABLE_FROM, STABLE_TO))
-    alpha = 1 / flat.sizes["line"] ** 0.5
+    alpha = STABLE_SHADE / flat.sizes["line"] ** 0.5
     for k in range(flat.sizes["line"]):
         axes.fill_between(flat[x], low.isel(line=k), high.isel(line=k), color=STABLE_COLOR, alpha=alpha, linewidth=0)
     return Patch(facecolor=STABLE_COLOR, alpha=alpha, label="a stable orbit, which runs come to")
 
 
 def _framed(
-    table: xr.Dataset, size: tuple[float, float], along: Collection[str] = (), **panels: Any
-) -> tuple[Figure, Any]:
-    """A figure with the title of a table and what its orbits share, no conditions of a start; and its panels."""
+    look: Look, table: xr.Dataset, size: tuple[float, float], along: Collection[str] = (), **panels: Any
+) -> tuple[Board, Any]:
+    """A board with the title of a table and what its orbits share, no conditions of a start; and its panels."""
     declared = json.loads(table.attrs.get("configuration", "{}"))
     values = BASE | declared["fixed"] if declared else table.attrs
     heading = conditions(values, {*declared.get("over", ()), *along, "beta0", "xdot0"}, tex=True)
     spin = declared.get(table.attrs.get("what"), {}).get("spin")
     heading += f", axial spin = {spin:.4g} rad/s" if isinstance(spin, float) else ""
-    figure = Drawing(*size)
-    entitle(figure, f"{table.attrs.get('title', '')}\n{heading}".lstrip())
-    return figure, figure.subplots(**panels)
+    return board(look, size, f"{table.attrs.get('title', '')}\n{heading}".lstrip(), **panels)
 
 
 def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:
@@ -128,14 +128,14 @@ def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:
         raise ParameterError(f"over: the map has the axes {', '.join(map(str, region.dims))}; must have {x} and {y}")
     shown = np.where(names(region).transpose(y, x) == "drift", 1.0, np.nan)
     cells = edges_of(over[x].values), edges_of(over[y].values)
-    axes.pcolormesh(*cells, shown, cmap=ListedColormap([REGION_COLOR]), rasterized=True)
-    return Patch(facecolor=REGION_COLOR, label="drift, in the map")
+    axes.pcolormesh(*cells, shown, cmap=ListedColormap([REGION_COLOR]), alpha=REGION_SHADE, rasterized=True)
+    return Patch(facecolor=REGION_COLOR, alpha=REGION_SHADE, label="drift, in the map")
 
 
-def branches(table: xr.Dataset) -> Figure:
+def branches(table: xr.Dataset, look: Look) -> Figure:
     """Radius and angle of the orbits along branches: stable ones solid, unstable ones dashed, special points marked."""
     x = str(table.attrs["parameter"])
-    figure, panels = _framed(table, (8, 8), [x], nrows=3, sharex=True)
+    place, panels = _framed(look, table, (8, 8), [x], nrows=3, sharex=True)
     groups = [name for name in table.data_vars if name in PARAMETERS and name != x and table[name].dims == ("point",)]
     colors: dict[Any, str] = {}
     for number in np.unique(table["branch"].values):
@@ -148,16 +148,16 @@ def branches(table: xr.Dataset) -> Figure:
     handles = [Line2D([], [], color="gray", label="stable")]
     handles.append(Line2D([], [], color="gray", linestyle="--", label="unstable"))
     kinds = [kind for kind in MARKERS if (table["special"].values == kind).any()]
-    handles += [Line2D([], [], color="black", linestyle="", marker=MARKERS[kind], label=kind) for kind in kinds]
+    handles += [Line2D([], [], color=ink(), linestyle="", marker=MARKERS[kind], label=kind) for kind in kinds]
     for key, color in colors.items() if groups else ():
         words = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
         handles.append(Line2D([], [], color=color, label=words))
-    panels[0].legend(handles=handles, fontsize=8, ncols=2)
+    place.legend("lower center", handles, fontsize=8, ncols=4)
     if x in PARAMETERS:
         mark(panels[-1].xaxis, x)
     else:
         panels[-1].set_xlabel(SPIN_LABEL)
-    return figure
+    return place.done()
 
 
 def _label_panels(panels: Sequence[Axes]) -> None:
@@ -178,7 +178,7 @@ def _one_branch(axes: Axes, one: xr.Dataset, x: str, name: str, color: str) -> N
         axes.plot(line[here], drawn[here], color=color, linestyle="-" if stable[part[0]] else "--", lw=1.3)
     for kind, marker in MARKERS.items():
         at = one["special"].values == kind
-        axes.plot(one[x].values[at], values[at], linestyle="", marker=marker, color="black", markersize=5)
+        axes.plot(one[x].values[at], values[at], linestyle="", marker=marker, color=ink(), markersize=5)
 
 
 def _smoothed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -192,9 +192,9 @@ def _smoothed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
     return at, PchipInterpolator(length, x)(along), PchipInterpolator(length, y)(along)
 
 
-def families(table: xr.Dataset) -> Figure:
+def families(table: xr.Dataset, look: Look) -> Figure:
     """Radius, period, angle and relative decay of the orbits over the spin, with the least period marked."""
-    figure, panels = _framed(table, (9, 7), nrows=2, ncols=2, sharex=True)
+    place, panels = _framed(look, table, (9, 7), nrows=2, ncols=2, sharex=True)
     panels = panels.ravel()
     given_by = [str(name) for name in table.coords if name in PARAMETERS]
     spin = table["spin"].values
@@ -213,5 +213,5 @@ def families(table: xr.Dataset) -> Figure:
     log_scale(panels[3])
     panels[2].set_xlabel(SPIN_LABEL)
     panels[3].set(xlabel=SPIN_LABEL, ylabel="share of the spin lost in a period")
-    panels[0].legend(fontsize=8)
-    return figure
+    place.legend("lower center", panels[0].lines, fontsize=8, ncols=4)
+    return place.done()

@@ -1,5 +1,7 @@
 """Pictures of cubes and of single runs; plain matplotlib figures, drawn without a display."""
 
+from typing import Unpack
+
 import xarray as xr
 from matplotlib.figure import Figure
 
@@ -21,12 +23,13 @@ from dimersweep.plots.runs import (
     portrait,
     run_figure,
 )
-from dimersweep.plots.style import DPI, MODE_COLORS, check_picture, write_picture
+from dimersweep.plots.style import DPI, MODE_COLORS, Look, check_picture, write_picture
 
 __all__ = [
     "DPI",
     "FIGURES",
     "MODE_COLORS",
+    "Look",
     "attractors",
     "bifurcation",
     "check_picture",
@@ -72,8 +75,8 @@ FIGURES = {
 }
 
 
-def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = None) -> Figure:
-    """A figure of `cube`: of a kind, of a quantity over its axes, or by default the one that it was declared for.
+def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = None, **look: Unpack[Look]) -> Figure:
+    """A figure of `cube`: of a kind, of a quantity, or by default the one that it was declared for; `look` as in `Look`.
 
     Raises
     ------
@@ -89,7 +92,7 @@ def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = No
     if quantity is not None:
         if kind not in (None, "mode_map"):
             raise ParameterError(f"quantity = {quantity!r}: goes with a map, not with kind = {kind!r}")
-        return quantity_map(cube, quantity)
+        return quantity_map(cube, quantity, **look)
     kind = kind or cube.attrs.get("plot", "mode_map")
     check_cube(kind, cube)
-    return FIGURES[kind](cube)
+    return FIGURES[kind](cube, **look)

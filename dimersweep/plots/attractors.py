@@ -1,30 +1,29 @@
 """Shares of attractors: bars at one set of parameters, stacked areas over one."""
 
-from itertools import cycle
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 import xarray as xr
-from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from dimersweep.errors import ParameterError
-from dimersweep.kernel.model.layout import DOWN_WORDS
-from dimersweep.plots.style import MODE_COLORS, framed, mark
+from dimersweep.plots.style import Look, framed, ink, mark, mode_colors
 
 MOST_NAMED = 18  # attractors that the legend has room for
 ONE_LINE = 0.01  # of the axis: borders of a kind that are drawn as one
 ONE_LABEL = 0.03  # and borders that share a label
 FLAT_LABELS = 3  # so many have room side by side, more stand upright
-NOT_REPEATING = (*DOWN_WORDS, "aperiodic", "unresolved", "failed")  # modes that are one attractor each
+HATCHES = ("//", "..", "xx", "\\\\", "oo")  # of all attractors of a mode but the first, then each closer
 
 
-def attractor_colors(data: xr.Dataset) -> list[Any]:
-    """A colour for each attractor: that of the mode for those that do not repeat, others in their order."""
-    palette = cycle(
-        colormaps["tab20"]([k for k in range(20) if k not in (14, 15)])
-    )  # no greys, which are those of rest
-    return [MODE_COLORS[mode] if mode in NOT_REPEATING else next(palette) for mode in modes_of(data)]
+def looks_of(data: xr.Dataset) -> list[tuple[str, str]]:
+    """The colour of each attractor, that of its mode, and the hatch that tells those of one mode apart."""
+    modes, colors = modes_of(data), mode_colors()
+    before = [modes[:k].count(mode) for k, mode in enumerate(modes)]
+    return [
+        (colors[mode or "not_run"], HATCHES[n % len(HATCHES) - 1] * -(-n // len(HATCHES)))
+        for mode, n in zip(modes, before, strict=True)
+    ]
 
 
 def modes_of(data: xr.Dataset) -> list[str]:
@@ -61,7 +60,7 @@ def _border_labels(borders: list[tuple[float, str]], near: float) -> list[tuple[
     return [(at, ", ".join(kinds)) for at, kinds in groups]
 
 
-def attractors(data: xr.Dataset) -> Figure:
+def attractors(data: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """Shares of attractors with their intervals: bars, or over a parameter stacked areas.
 
     In a stack the bar at the upper edge of an area is the interval of its own share. A dashed line is a border of an orbit
@@ -71,6 +70,7 @@ def attractors(data: xr.Dataset) -> Figure:
     ----------
     data : xarray.Dataset
         Of `dimersweep.attractors`.
+    **look : see `Look`
 
     Returns
     -------
@@ -92,28 +92,30 @@ def attractors(data: xr.Dataset) -> Figure:
     data = data.squeeze([dim for dim in data["share"].dims if dim != "attractor" and data.sizes[dim] == 1])
     axis = next((str(dim) for dim in data["share"].dims if dim != "attractor"), "")
     data = data.sortby(axis) if axis else data
-    figure, axes = framed(data.drop_dims("start"), (7.5, 4.4), f"Shares of {data.sizes['start']} starts\n")
+    board, axes = framed(look, data.drop_dims("start"), (7.5, 4.4), f"Shares of {data.sizes['start']} starts\n")
     axes.set_ylabel("share of the starts [%]")
     below, above = (100 * abs(data[f"share_{end}"] - data["share"]).values for end in ("low", "high"))
-    share, colors, labels = 100 * data["share"].values, attractor_colors(data), labels_of(data)
+    share, labels = 100 * data["share"].values, labels_of(data)
+    colors, hatches = map(list, zip(*looks_of(data), strict=True))
     if not axis:
         (met,) = np.nonzero(share)
         places, errors = range(met.size), (below[met], above[met])
-        axes.bar(places, share[met], color=[colors[k] for k in met], yerr=errors, capsize=3)
+        bars = {"color": [colors[k] for k in met], "hatch": [hatches[k] for k in met], "ecolor": ink()}
+        axes.bar(places, share[met], yerr=errors, capsize=3, **bars)
         axes.set_xticks(places, [labels[k] for k in met], rotation=30, ha="right", rotation_mode="anchor")
-        return figure
+        return board.done()
     values, tops = data[axis].values, np.cumsum(share, axis=1)
-    areas = axes.stackplot(values, share.T, colors=colors, labels=labels, alpha=0.8)
+    areas = axes.stackplot(values, share.T, colors=colors, labels=labels, hatch=hatches)
     width = values[-1] - values[0]
     near = ONE_LINE * width
     for k in range(share.shape[1]):
         here = share[:, k] > 0
         error = (below[here, k], above[here, k])
         beside = values[here] + 0.6 * near * (k - 0.5 * (share.shape[1] - 1))  # of the bars of the other areas
-        axes.errorbar(beside, tops[here, k], yerr=error, fmt="none", ecolor="black", elinewidth=0.9, capsize=2)
+        axes.errorbar(beside, tops[here, k], yerr=error, fmt="none", ecolor=ink(), elinewidth=0.9, capsize=2)
     borders = _borders(data, near)
     for border, _ in borders:
-        axes.axvline(border, color="black", linestyle="--", linewidth=1)
+        axes.axvline(border, color=ink(), linestyle="--", linewidth=1)
     labelled = _border_labels(borders, ONE_LABEL * width)
     how = {"transform": axes.get_xaxis_transform(), "rotation": 90 if len(labelled) > FLAT_LABELS else 0}
     for at, kinds in labelled:
@@ -122,5 +124,5 @@ def attractors(data: xr.Dataset) -> Figure:
     axes.set(xlim=(values[0] - 2 * near, values[-1] + 2 * near), ylim=(0, 100))
     hidden = len(labels) - MOST_NAMED
     more = {"title": f"and {hidden} more", "title_fontsize": 8} if hidden > 0 else {}
-    figure.legend(handles=areas[:MOST_NAMED], loc="outside right center", fontsize=8, reverse=True, **more)
-    return figure
+    board.legend("right center", areas[:MOST_NAMED], fontsize=8, reverse=True, **more)
+    return board.done(above=50 if how["rotation"] else 18)  # the labels

@@ -1,6 +1,6 @@
 """The circles that dimers choose by themselves, and in what time."""
 
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -11,13 +11,13 @@ from matplotlib.lines import Line2D
 from dimersweep.cubes.findings import edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.plots.checking import check_cube
-from dimersweep.plots.style import MODE_COLORS, fixed_of, framed, label, log_scale, mark
+from dimersweep.plots.style import MODE_COLORS, Look, fixed_of, framed, label, log_scale, mark
 
 PANEL = np.array([200.0, 228.0])  # of a panel, which its points fill [pt]
 NO_CIRCLE = {"in a plane": "0.8", "no spin that attracts": "0.55"}  # greys of points without a circle
 
 
-def circles(cube: xr.Dataset) -> Figure:
+def circles(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """The circle to which each dimer is drawn, and the time in which the way there falls by a factor of e, over its axes.
 
     Grey points have no such circle: the walk ends in a plane, or no spin attracts.
@@ -50,7 +50,7 @@ def circles(cube: xr.Dataset) -> Figure:
     if not 1 <= len(names) <= 2:
         raise ParameterError(f"circles: {len(names)} parameters vary; draws 1 to 2 of them")
     at, *columns = (one.values.ravel() for one in xr.broadcast(cube["sustained_spin"], *(cube[name] for name in names)))
-    figure, panels = framed(cube, (9.0, 4.2 if len(names) == 2 else 3.2), ncols=2)
+    board, panels = framed(look, cube, (9.0, 4.2 if len(names) == 2 else 3.2), ncols=2)
     edges = [edges_of(np.unique(column))[[0, -1]] for column in columns]
     has_circle = np.isfinite(cube["sustained_radius"].values.ravel())
     for axes, quantity in zip(panels, ("sustained_radius", "sustained_time"), strict=True):
@@ -64,9 +64,9 @@ def circles(cube: xr.Dataset) -> Figure:
             how: dict[str, Any] = {"s": cell.max() ** 2, "marker": cell * [(-1, -1), (1, -1), (1, 1), (-1, 1)]}
             for chosen, color in zip((np.isfinite(at), np.isnan(at)), NO_CIRCLE.values(), strict=True):
                 axes.scatter(*(column[chosen & ~has_circle] for column in columns), color=color, **how)
-            norm = LogNorm() if quantity == "sustained_time" else None
+            norm = LogNorm() if quantity == "sustained_time" and np.isfinite(values[has_circle]).any() else None
             drawn = axes.scatter(*(column[has_circle] for column in columns), c=values[has_circle], norm=norm, **how)
-            figure.colorbar(drawn, ax=axes, label=text)
+            board.figure.colorbar(drawn, ax=axes, label=text)
             mark(axes.yaxis, names[1])
             axes.set(xlim=edges[0], ylim=edges[1])
         mark(axes.xaxis, names[0])
@@ -74,5 +74,5 @@ def circles(cube: xr.Dataset) -> Figure:
         log_scale(panels[1])
     else:
         greys = [Line2D([], [], marker="s", linestyle="", color=color, label=text) for text, color in NO_CIRCLE.items()]
-        figure.legend(handles=greys, loc="outside lower center", ncols=2, fontsize=9)
-    return figure
+        board.legend("lower center", greys, ncols=2, fontsize=9)
+    return board.done()

@@ -1,7 +1,7 @@
 """Maps over the axes of a cube: modes in their colours, or any quantity; one panel for each value of further axes."""
 
 from math import ceil
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -17,23 +17,31 @@ from dimersweep.plots.checking import check_cube
 from dimersweep.plots.style import (
     MODE_COLORS,
     MODE_LABELS,
-    ROW_COLORS,
     WAY_MARKERS,
+    Board,
+    Look,
     face,
     fixed_of,
     framed,
     given,
     label,
     mark,
+    mode_colors,
     percent,
+    row_colors,
     spread,
+    widened,
 )
 
 MOST_PANELS = 12
-COLORS = np.array([to_rgb(color) for color in MODE_COLORS.values()])
 
 
-def mode_map(cube: xr.Dataset) -> Figure:
+def colors_of(modes: np.ndarray) -> np.ndarray:
+    """The colours of modes that are given by their codes, shape (..., 3)."""
+    return np.array([to_rgb(color) for color in mode_colors().values()])[modes]
+
+
+def mode_map(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """The mode of motion over one or two axes, in panels over further ones.
 
     Parameters
@@ -53,20 +61,20 @@ def mode_map(cube: xr.Dataset) -> Figure:
     >>> plots.mode_map(cube).savefig("modes.png")
     """
     check_cube("mode_map", cube)
-    return _map(cube, "mode")
+    return _map(cube, "mode", look)
 
 
 def mode_handles(mode: xr.DataArray) -> list[Patch]:
     """Handles of a legend of the modes that occur, with their shares."""
     shares = np.bincount(mode.values.ravel(), minlength=len(MODES)) / mode.size
     return [
-        face(MODE_COLORS[name], f"{MODE_LABELS[name]} ({percent(share)})")
+        face(mode_colors()[name], f"{MODE_LABELS[name]} ({percent(share)})")
         for name, share in zip(MODES, shares, strict=True)
         if share > 0
     ]
 
 
-def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
+def quantity_map(cube: xr.Dataset, quantity: str, **look: Unpack[Look]) -> Figure:
     """A quantity over the axes of a cube: curves over one axis, a map over two, in panels over further ones.
 
     Parameters
@@ -92,58 +100,64 @@ def quantity_map(cube: xr.Dataset, quantity: str) -> Figure:
     """
     over_axes(cube, quantity)
     check_cube("mode_map", cube)
-    return _map(cube, quantity)
+    return _map(cube, quantity, look)
 
 
-def _map(cube: xr.Dataset, quantity: str) -> Figure:
+def _map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
     """A map of modes in their colours, or of a quantity, of a cube that has one."""
     if "point" in cube["mode"].dims:
-        return point_map(cube, quantity)
+        return point_map(cube, quantity, look)
     values = cube[quantity].squeeze()
     if "direction" in values.dims:  # each has its panels
         values = values.transpose("direction", ...)
     if quantity != "mode" and values.dims[:-1] == ("direction",):
-        return _curves_each_way(cube, values, quantity)
-    figure, panels = _panels(cube, values)
-    finite = values.values[np.isfinite(values.values)]
-    how: dict[str, Any] = {"cmap": "viridis"} | ({"vmin": finite.min(), "vmax": finite.max()} if finite.size else {})
-    for axes, part in panels:
+        return _curves_each_way(cube, values, quantity, look)
+    board, parts = _panels(cube, values, look)
+    how = _shades(values.values)
+    for axes, part in parts:
         if quantity == "mode":
-            drawn = _mesh(axes, part, COLORS[np.atleast_2d(part.values)])
+            drawn = _mesh(axes, part, colors_of(np.atleast_2d(part.values)))
         elif part.ndim > 1:
             drawn = _mesh(axes, part, part.values, **how)
         else:
             axes.plot(part[part.dims[0]], part, "o-", markersize=3, linewidth=1, color=MODE_COLORS["drift"])
             axes.set_ylabel(label(quantity))
     if quantity == "mode" or values.ndim > 1:
-        _explain(figure, values, drawn, " (code)" if "flag_meanings" in cube[quantity].attrs else "")
-    return figure
+        _explain(board, values, drawn, " (code)" if "flag_meanings" in cube[quantity].attrs else "")
+    return board.done()
 
 
-def _explain(figure: Figure, values: xr.DataArray, drawn: Any, more: str = "") -> None:
+def _shades(values: np.ndarray) -> dict[str, Any]:
+    """A scale of colours, with its ends where there are values."""
+    finite = values[np.isfinite(values)]
+    vmin, vmax = widened(finite.min(), finite.max()) if finite.size else (None, None)
+    return {"cmap": "viridis", "vmin": vmin, "vmax": vmax}
+
+
+def _explain(board: Board, values: xr.DataArray, drawn: Any, more: str = "") -> None:
     """Say what the colours are, beside a figure: a legend of modes, or a bar of a quantity."""
     if values.name == "mode":
-        figure.legend(handles=mode_handles(values), loc="outside right center", fontsize=9)
+        board.legend("right center", mode_handles(values), fontsize=9)
     else:
-        figure.colorbar(drawn, ax=figure.axes, label=label(str(values.name)) + more)
+        board.figure.colorbar(drawn, ax=board.axes, label=label(str(values.name)) + more)
 
 
-def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str) -> Figure:
-    """A quantity over one axis, on the way up and down."""
+def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str, look: Look) -> Figure:
+    """A quantity over one axis, on the way up and down; where both are the same, the latter lies on the former."""
     name = str(values.dims[-1])
-    figure, axes = framed(cube, (7.5, 3.2))
-    for way, color in zip(values, ROW_COLORS, strict=False):
-        marker = WAY_MARKERS[int(way["direction"])]
-        text = given("direction", way["direction"].item())
-        axes.plot(way[name], way, marker=marker, markersize=4, linewidth=1, color=color, label=text)
+    board, axes = framed(look, cube, (7.5, 3.2))
+    for way in values:
+        k = int(way["direction"])
+        how = {"marker": WAY_MARKERS[k], "markersize": (7, 4)[k], "linewidth": (3, 1)[k], "color": row_colors(2)[k]}
+        axes.plot(way[name], way, label=given("direction", k), **how)
     _scale(axes, values.isel(direction=0))
     mark(axes.xaxis, name)
     axes.set_ylabel(label(quantity))
-    axes.legend(fontsize=9)
-    return figure
+    board.legend("right center", axes.lines, fontsize=9)
+    return board.done()
 
 
-def point_map(cube: xr.Dataset, quantity: str) -> Figure:
+def point_map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
     """Points that are no grid: each pair of parameters that vary, one over the other, coloured by mode or a quantity."""
     differing = fixed_of(cube)[1]
     varied = [str(name) for name in cube.coords if name in differing]
@@ -154,21 +168,21 @@ def point_map(cube: xr.Dataset, quantity: str) -> Figure:
     columns = min(3, len(pairs))
     rows = ceil(len(pairs) / columns)
     size = 1.6 + 3.4 * columns, 0.8 + 3.0 * rows
-    figure, panels = framed(cube, size, nrows=rows, ncols=columns, squeeze=False)
+    board, panels = framed(look, cube, size, nrows=rows, ncols=columns, squeeze=False)
     values = cube[quantity]
-    how = {"c": COLORS[values.values]} if quantity == "mode" else {"c": values.values, "cmap": "viridis"}
+    how = {"c": colors_of(values.values)} if quantity == "mode" else {"c": values.values} | _shades(values.values)
     for axes, (x, y) in zip(panels.flat, pairs, strict=False):
         dots = axes.scatter(cube[x], cube[y], s=9, **how)
         mark(axes.xaxis, x)
         mark(axes.yaxis, y)
     for axes in panels.flat[len(pairs) :]:
         axes.set_axis_off()
-    _explain(figure, values, dots)
-    return figure
+    _explain(board, values, dots)
+    return board.done()
 
 
-def _panels(cube: xr.Dataset, values: xr.DataArray) -> tuple[Figure, list[tuple[Axes, xr.DataArray]]]:
-    """A figure with a panel for each combination of the leading axes of `values`, at most `MOST_PANELS`, and what is in it."""
+def _panels(cube: xr.Dataset, values: xr.DataArray, look: Look) -> tuple[Board, list[tuple[Axes, xr.DataArray]]]:
+    """A board with a panel for each combination of the leading axes of `values`, at most `MOST_PANELS`, and what is in it."""
     leading = [str(name) for name in values.dims[:-2]]
     places = list(np.ndindex(*(values.sizes[name] for name in leading)))
     heading = f"{MOST_PANELS} of {len(places)} maps; " if len(places) > MOST_PANELS else ""
@@ -176,7 +190,7 @@ def _panels(cube: xr.Dataset, values: xr.DataArray) -> tuple[Figure, list[tuple[
     columns = len(places) if len(places) <= 3 else min(4, ceil(len(places) ** 0.5))
     rows = ceil(len(places) / columns)
     size = (7.5, 2.6 if values.ndim == 1 else 4.8) if len(places) == 1 else (1.8 + 2.9 * columns, 1.0 + 2.5 * rows)
-    figure, grid = framed(cube, size, heading, nrows=rows, ncols=columns, sharex=True, sharey=True, squeeze=False)
+    board, grid = framed(look, cube, size, heading, nrows=rows, ncols=columns, sharex=True, sharey=True, squeeze=False)
     _scale(grid[0, 0], values)  # shared by all
     for axes in grid.flat[len(places) :]:
         axes.set_axis_off()
@@ -188,7 +202,7 @@ def _panels(cube: xr.Dataset, values: xr.DataArray) -> tuple[Figure, list[tuple[
             axes.tick_params(labelbottom=True)
         if part.ndim == 2 and number % columns == 0:
             mark(axes.yaxis, str(part.dims[0]))
-    return figure, list(zip(grid.flat, parts, strict=False))
+    return board, list(zip(grid.flat, parts, strict=False))
 
 
 def _mesh(axes: Axes, part: xr.DataArray, colors: np.ndarray, **how: Any) -> Any:

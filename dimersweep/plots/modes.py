@@ -1,7 +1,7 @@
 """Pictures of where the modes lie: intervals of the dip angle, regions of a search, and strobes over one axis."""
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -15,8 +15,8 @@ from dimersweep.cubes.findings import dip_range, drift_intervals, drift_lengths,
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.checking import check_cube
-from dimersweep.plots.maps import COLORS
-from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, ROW_COLORS, face, framed, given, mark
+from dimersweep.plots.maps import colors_of
+from dimersweep.plots.style import MODE_LABELS, Look, face, framed, given, mark, mode_colors, row_colors
 from dimersweep.symbols import symbol
 
 STROBES = {  # rows of the picture: what they are, and the factor to the unit that is shown
@@ -26,7 +26,7 @@ STROBES = {  # rows of the picture: what they are, and the factor to the unit th
 }
 
 
-def segments(cube: xr.Dataset) -> Figure:
+def segments(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """The initial dip angles that lead to drift, as in the paper's Fig. 7: one row for each value of the other axis.
 
     Parameters
@@ -48,9 +48,9 @@ def segments(cube: xr.Dataset) -> Figure:
     check_cube("segments", cube)
     lengths = drift_lengths(cube)
     (name,) = lengths.dims
-    figure, axes = framed(cube, (8, 1.4 + 0.55 * lengths.size), "Initial dip angles that lead to drift\n")
-    for row, (intervals, length) in enumerate(zip(drift_intervals(cube), lengths.values, strict=True)):
-        color = ROW_COLORS[row % len(ROW_COLORS)]
+    board, axes = framed(look, cube, (8, 1.4 + 0.55 * lengths.size), "Initial dip angles that lead to drift\n")
+    rows = zip(drift_intervals(cube), lengths.values, row_colors(lengths.size), strict=True)
+    for row, (intervals, length, color) in enumerate(rows):
         axes.hlines(np.full(len(intervals), row), intervals[:, 0], intervals[:, 1], colors=color, linewidth=7)
         axes.annotate(
             f"{length:.3f} rad", (1.01, row), xycoords=("axes fraction", "data"), va="center", color=color, fontsize=9
@@ -59,7 +59,7 @@ def segments(cube: xr.Dataset) -> Figure:
     axes.set_ylim(-0.6, lengths.size - 0.4)
     axes.grid(axis="x", alpha=0.3)
     _dip_axis(axes, *dip_range(cube["beta0"].values))
-    return figure
+    return board.done()
 
 
 def _dip_axis(axes: Axes, low: float, high: float) -> None:
@@ -73,7 +73,7 @@ def _dip_axis(axes: Axes, low: float, high: float) -> None:
     degrees.set_xlabel("degrees")
 
 
-def regions(cube: xr.Dataset) -> Figure:
+def regions(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """Where some start drifts, where every start rests, and which mode is most frequent elsewhere, as in the paper's Fig. 8.
 
     Parameters
@@ -97,10 +97,11 @@ def regions(cube: xr.Dataset) -> Figure:
     mode = cube["mode"].squeeze()
     x_name, y_name = map(str, mode.dims)
     x, y = mode[x_name].values, mode[y_name].values
-    figure, axes = framed(cube, (8, 5.6))
+    board, axes = framed(look, cube, (8, 5.6))
     region = names(cube["region"]).squeeze().values
-    pale = 0.6 * COLORS + 0.4
-    shown = np.where((region == "drift")[..., None], 1.0, pale[mode.values])
+    left, shown = ~np.isin(region, ("drift", "rest")), colors_of(mode.values)
+    shown[region == "rest"] = 0.6 * shown[region == "rest"] + 0.4
+    shown[region == "drift"] = 1.0
     axes.pcolormesh(edges_of(x), edges_of(y), shown.transpose(1, 0, 2))
     corners = [np.repeat(edges_of(values), 2)[1:-1] for values in (x, y)]
     handles = []
@@ -115,17 +116,15 @@ def regions(cube: xr.Dataset) -> Figure:
                 axes.contourf(*corners, cells, levels=[0.5, 1.5], colors="none", hatches=[hatch])
             axes.contour(*corners, cells, levels=[0.5], colors=color, linewidths=1.4)
         handles.append(face("white", meaning, edgecolor=color, hatch=hatch, linewidth=None))
-    left = ~np.isin(region, ("drift", "rest"))
-    for code in np.unique(mode.values[left]):
-        handles.append(face(pale[code], f"mostly {MODES[code]}"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9)
+    handles += [face(colors_of(code), f"mostly {MODES[code]}") for code in np.unique(mode.values[left])]
+    board.legend("lower center", handles, ncols=4, fontsize=9)
     axes.set(xlim=corners[0][[0, -1]], ylim=corners[1][[0, -1]])
     mark(axes.xaxis, x_name)
     mark(axes.yaxis, y_name)
-    return figure
+    return board.done()
 
 
-def bifurcation(cube: xr.Dataset) -> Figure:
+def bifurcation(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """The states at the starts of forcing periods over one axis: a point for each period, in the colour of the mode.
 
     Parameters
@@ -154,7 +153,7 @@ def bifurcation(cube: xr.Dataset) -> Figure:
     ways = [cube.isel(direction=k) for k in range(cube.sizes["direction"])] if "direction" in mode.dims else [cube]
     size, shared = (2.6 + 3.8 * len(ways), 7.0), {"sharex": True, "sharey": "row", "squeeze": False}
     heading = "At the start of each forcing period\n"
-    figure, rows = framed(cube, size, heading, nrows=len(STROBES), ncols=len(ways), **shared)
+    board, rows = framed(look, cube, size, heading, nrows=len(STROBES), ncols=len(ways), **shared)
     for panels, way in zip(rows.T, ways, strict=True):
         _strobes(panels, way, name)
         mark(panels[-1].xaxis, name)
@@ -162,11 +161,11 @@ def bifurcation(cube: xr.Dataset) -> Figure:
             panels[0].set_title(given("direction", way["direction"].item()), fontsize=10)
     for panel, (label, _) in zip(rows[:, 0], STROBES.values(), strict=True):
         panel.set_ylabel(label)
-    look: dict[str, Any] = {"marker": "o", "linestyle": ""}
+    dot: dict[str, Any] = {"marker": "o", "linestyle": ""}
     found = [MODES[code] for code in np.unique(mode.values)]
-    handles = [Line2D([], [], color=MODE_COLORS[word], label=MODE_LABELS[word], **look) for word in found]
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4))
-    return figure
+    handles = [Line2D([], [], color=mode_colors()[word], label=MODE_LABELS[word], **dot) for word in found]
+    board.legend("lower center", handles, ncols=2 * len(ways))
+    return board.done()
 
 
 def _strobes(panels: Iterable[Axes], cube: xr.Dataset, name: str) -> None:
@@ -177,6 +176,6 @@ def _strobes(panels: Iterable[Axes], cube: xr.Dataset, name: str) -> None:
         for code in np.unique(mode.values):
             here = mode.values == code
             places = np.repeat(mode[name].values[here], values.shape[1])
-            axes.plot(places, values[here].ravel(), ".", color=COLORS[code], markersize=4, markeredgewidth=0)
+            axes.plot(places, values[here].ravel(), ".", color=colors_of(code), markersize=4, markeredgewidth=0)
         if is_geometric(mode[name].values):
             axes.set_xscale("log")

@@ -1,5 +1,7 @@
 """Pictures of orbits over parameters: paths, trends with exponents, least periods, ends of impacts, planar drift, walks."""
 
+from typing import Unpack
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -12,16 +14,16 @@ from dimersweep.cubes.findings import circle_through, edges_of, exponents, minim
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.checking import check_cube
-from dimersweep.plots.style import face, framed, given, label, log_scale, mark, row_colors, spread
+from dimersweep.plots.style import Look, face, framed, given, ink, label, log_scale, mark, row_colors, spread
 
 END_COLORS = {  # of a double impact
     "none": "#ffffff",
     "sp_sp": "#0072b2",
     "sp_sk": "#e69f00",
-    "sk_sp": "#cc79a7",
+    "sk_sp": "#dd99cc",
     "sk_sk": "#009e73",
 }
-LEFT_OUT_COLOR = "#d9d9d9"  # points that break the rule between mu and mu_s
+LEFT_OUT_COLOR = "#505050"  # points that break the rule between mu and mu_s
 TRENDS = {"radius": r"$\bar R$ [m]", "period": r"$\bar T$ [s]", "zeta": r"$\zeta$ [rad]"}
 CENTRES = {"centre_velocity_x": ("o", "along $x$"), "centre_velocity_y": ("s", "along $y$")}
 CURVES = 5  # values of the other axis that are drawn
@@ -31,7 +33,7 @@ def _drifting(cube: xr.Dataset, quantity: str) -> xr.DataArray:
     return cube[quantity].where(cube["mode"] == M_DRIFT)
 
 
-def paths(cube: xr.Dataset) -> Figure:
+def paths(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """Paths of the centre of mass with their centres moved to one point, as in the paper's Fig. 13.
 
     Parameters
@@ -54,7 +56,7 @@ def paths(cube: xr.Dataset) -> Figure:
     check_cube("paths", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
     per_period = round(1 / float(cube["cycle"][1] - cube["cycle"][0]))
-    figure, (whole, teeth) = framed(cube, (10, 5.2), "Paths of the centre of mass\n", ncols=2)
+    board, (whole, teeth) = framed(look, cube, (10, 5.2), "Paths of the centre of mass\n", ncols=2)
     curves = zip(cube[name].values, cube["x"].values, cube["y"].values, row_colors(cube.sizes[name]), strict=True)
     for value, x, y, color in curves:
         if not np.isfinite(x).all():
@@ -67,14 +69,11 @@ def paths(cube: xr.Dataset) -> Figure:
         teeth.plot(cycles, 1e3 * (np.hypot(x - a, y - b)[piece] - radius), color=color, linewidth=1)
     whole.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
     teeth.set(xlabel="time [forcing periods]", ylabel="distance from the circle [mm]")
-    handles, labels = whole.get_legend_handles_labels()
-    if handles:
-        # circles fill their panel
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(handles), 4))
-    return figure
+    board.legend("lower center", whole.lines, ncols=min(len(whole.lines), 4), fontsize=9)
+    return board.done()
 
 
-def trends(cube: xr.Dataset) -> Figure:
+def trends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """Radius, period and angle of the orbit over aspect ratio and frequency, as in the paper's Fig. 14 to 16.
 
     Parameters
@@ -95,14 +94,14 @@ def trends(cube: xr.Dataset) -> Figure:
     >>> plots.trends(cube).savefig("trends.png")
     """
     check_cube("trends", cube)
-    figure, panels = framed(cube, (9, 10), nrows=3, ncols=2, sharex="col", sharey="row")
+    board, panels = framed(look, cube, (9, 10), nrows=3, ncols=2, sharex="col", sharey="row")
     for row, quantity in zip(panels, TRENDS, strict=True):
         for axes, (name, other) in zip(row, (("A_r", "f"), ("f", "A_r")), strict=True):
             _trend(axes, cube, quantity, name, other)
         row[0].set_ylabel(TRENDS[quantity])
     for axes in panels[0]:
         axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=3, frameon=False)
-    return figure
+    return board.done()
 
 
 def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -> None:
@@ -113,7 +112,7 @@ def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -
         curve = values.isel({other: k}).transpose(name).values
         axes.plot(x, curve, "o-", color=color, markersize=3, label=given(other, cube[other].values[k]))
     if quantity == "zeta":
-        axes.axhline(np.pi / 2, color="black", linewidth=0.8, linestyle=":")
+        axes.axhline(np.pi / 2, color=ink(), linewidth=0.8, linestyle=":")
         axes.set_xlabel(f"${base}$" + (" [Hz]" if name == "f" else ""))
         return
     if not np.isfinite(values).any():
@@ -136,7 +135,7 @@ def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -
     axes.plot(x, level * (x / x[0]) ** law.exponent, "--", color="#888888", linewidth=1)
 
 
-def least_period(cube: xr.Dataset) -> Figure:
+def least_period(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """Period and angle of the orbit over the initial velocity, as in the paper's Fig. 17, the first minimum marked.
 
     Parameters
@@ -156,7 +155,7 @@ def least_period(cube: xr.Dataset) -> Figure:
     >>> plots.least_period(cube).savefig("period.png")
     """
     check_cube("minimum", cube)
-    figure, (left, right) = framed(cube, (10, 4.4), ncols=2)
+    board, (left, right) = framed(look, cube, (10, 4.4), ncols=2)
     speeds = cube["xdot0"].values
     for color, A_r in zip(row_colors(cube.sizes["A_r"]), cube["A_r"].values, strict=True):
         one = cube.sel(A_r=A_r)
@@ -171,13 +170,13 @@ def least_period(cube: xr.Dataset) -> Figure:
             right.axvline(low.at, color=color, linewidth=0.8, linestyle=":")
     log_scale(left)
     left.set(xlabel=label("xdot0"), ylabel=TRENDS["period"])
-    left.legend(fontsize=8)
-    right.axhline(np.pi / 2, color="black", linewidth=0.8, linestyle=":")
+    board.legend("lower center", left.lines, fontsize=8, ncols=2)
+    right.axhline(np.pi / 2, color=ink(), linewidth=0.8, linestyle=":")
     right.set(xlabel=label("xdot0"), ylabel=TRENDS["zeta"], ylim=(np.pi / 2 - 0.01, np.pi / 2 + 0.12))
-    return figure
+    return board.done()
 
 
-def impact_ends(cube: xr.Dataset) -> Figure:
+def impact_ends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """How the double impact of a drift ends over mu and mu_s, one map for each aspect ratio, with the line mu = mubar.
 
     Parameters
@@ -203,23 +202,23 @@ def impact_ends(cube: xr.Dataset) -> Figure:
     shown = cube["di_end"].where(cube["mode"] != M_NOT_RUN, len(END_COLORS))
     heading = "How the double impact ends; dashed: $\\mu = \\bar\\mu$\n"
     n = cube.sizes["A_r"]
-    figure, panels = framed(cube, (3.1 * n + 0.6, 4.6), heading, ncols=n, sharey=True, squeeze=False)
+    board, panels = framed(look, cube, (3.1 * n + 0.6, 4.6), heading, ncols=n, sharey=True, squeeze=False)
     for axes, A_r in zip(panels[0], cube["A_r"].values, strict=True):
         ends = shown.sel(A_r=A_r).transpose("mu_s", "mu")
         axes.pcolormesh(x, y, ends.values, cmap=colors, vmin=-0.5, vmax=len(END_COLORS) + 0.5)
         line = stick_ratio(float(A_r), **body)
-        axes.axvline(line, color="black", linestyle="--", linewidth=1)
+        axes.axvline(line, color=ink(), linestyle="--", linewidth=1)
         axes.set_title(f"{given('A_r', A_r)}, $\\bar\\mu$ = {line:.3f}", fontsize=10)
         axes.set_xlabel(label("mu"))
     panels[0, 0].set_ylabel(label("mu_s"))
     found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
     handles = [face(END_COLORS[end], "no drift found" if end == "none" else end) for end in found]
     handles.append(face(LEFT_OUT_COLOR, "$\\mu_s < \\mu$: not run"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)
-    return figure
+    board.legend("lower center", handles, ncols=len(handles), fontsize=9)
+    return board.done()
 
 
-def shares(cube: xr.Dataset) -> Figure:
+def shares(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """The share of the searched values that lead to drift, over one axis, one curve for each value of the other.
 
     Parameters
@@ -240,7 +239,7 @@ def shares(cube: xr.Dataset) -> Figure:
     """
     check_cube("shares", cube)
     other, name = (str(dim) for dim in cube["mode"].dims)
-    figure, axes = framed(cube, (7.5, 4.4))
+    board, axes = framed(look, cube, (7.5, 4.4))
     share = runs_of(cube, "drift") / cube["n_runs"]
     for color, value in zip(row_colors(cube.sizes[other]), cube[other].values, strict=True):
         axes.plot(
@@ -248,11 +247,11 @@ def shares(cube: xr.Dataset) -> Figure:
         )
     mark(axes.xaxis, name)
     axes.set(ylabel="initial dip angles that drift [%]", ylim=(0, None))
-    axes.legend(fontsize=8)
-    return figure
+    board.legend("right center", axes.lines, fontsize=8)
+    return board.done()
 
 
-def planar(cube: xr.Dataset) -> Figure:
+def planar(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """Velocity of the drift along the axis over one parameter: positive from the end that is down to the other one.
 
     Parameters
@@ -274,21 +273,28 @@ def planar(cube: xr.Dataset) -> Figure:
     """
     check_cube("planar", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
-    figure, axes = framed(cube, (7.5, 4.4))
+    board, axes = framed(look, cube, (7.5, 4.4))
     ends, velocity = names(cube["di_end"]).values, 1e3 * cube["axial_velocity"].values
     for end, color in END_COLORS.items():
         here = (ends == end) & np.isfinite(velocity)
         if here.any():
-            axes.plot(cube[name].values[here], velocity[here], "o", color=color, markersize=4, label=end)
-    axes.axhline(0.0, color="black", linewidth=0.8)
+            axes.plot(
+                cube[name].values[here],
+                velocity[here],
+                "o",
+                color=ink() if end == "none" else color,
+                markersize=4,
+                label=end,
+            )
+    board.legend("right center", [*axes.lines], title="double impact ends")
+    axes.axhline(0.0, color=ink(), linewidth=0.8)
     axes.grid(alpha=0.3)
     mark(axes.xaxis, name)
     axes.set_ylabel("drift velocity [mm/s]")
-    figure.legend(*axes.get_legend_handles_labels(), title="double impact ends", loc="outside right upper")
-    return figure
+    return board.done()
 
 
-def walks(cube: xr.Dataset) -> Figure:
+def walks(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     """Tracks of the centre of mass from their starts; beside them the velocities of the circles' centres, or the curvatures.
 
     Parameters
@@ -312,12 +318,13 @@ def walks(cube: xr.Dataset) -> Figure:
     """
     check_cube("walks", cube)
     (name,) = (str(dim) for dim in cube["mode"].dims)
-    figure, (left, right) = framed(cube, (11, 4.6), "Tracks of the centre of mass\n", ncols=2)
+    board, (left, right) = framed(look, cube, (11, 4.6), "Tracks of the centre of mass\n", ncols=2)
     words, colors = names(cube["track"]).values, row_colors(cube.sizes[name])
     for k, value in enumerate(cube[name].values):
         text = f"{given(name, value)}: {words[k]}"
         left.plot(cube["x"].values[k], cube["y"].values[k], color=colors[k], linewidth=0.8, label=text)
-    left.plot(0, 0, "o", color="black", markersize=3)
+    board.legend("right center", left.lines, fontsize=8)
+    left.plot(0, 0, "o", color=ink(), markersize=3)
     left.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
     if any(np.nanmax(np.abs(cube[which].values), initial=0.0) > 0 for which in CENTRES):
         _velocities(right, cube, name, words)
@@ -327,8 +334,7 @@ def walks(cube: xr.Dataset) -> Figure:
     right.axhline(0, color="gray", linewidth=0.6, zorder=0)
     mark(right.xaxis, name)
     right.locator_params(axis="x", nbins=5)
-    figure.legend(*left.get_legend_handles_labels(), loc="outside right upper", fontsize=8)
-    return figure
+    return board.done()
 
 
 def _velocities(axes: Axes, cube: xr.Dataset, name: str, words: np.ndarray) -> None:

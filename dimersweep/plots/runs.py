@@ -1,5 +1,7 @@
 """Pictures of one recorded run: heights, orbit, phase portraits with their contact states, and its energy budget."""
 
+from typing import Any, Unpack
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -9,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.parameters import dimer_from
-from dimersweep.plots.style import Drawing, entitle
+from dimersweep.plots.style import MODE_COLORS, Look, beyond_round_off, board, ink
 
 ANGLES = {  # labels of the angles in phase portraits
     "beta": r"$\beta$ [rad]",
@@ -25,6 +27,7 @@ TERMS = {  # how each term is drawn: its words and its colour, dark at p1 and li
     "slip_1": ("slip, $p_1$", "#b2182b"),
     "slip_2": ("slip, $p_2$", "#f4a582"),
 }
+SLIPS = ("slip_1", "slip_2")  # hatched: red and green are alike to some readers
 SMALLEST = 1e-6  # of the greatest work: where the axis begins to be linear, and below which a contact state has no row
 
 
@@ -96,7 +99,7 @@ def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
     return xr.Dataset({name: ("stage", values) for name, values in columns.items()})
 
 
-def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *, color: str = "black") -> None:
+def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *, color: str | None = None) -> None:
     """Phase portrait of an angle, its contact states marked as in the paper's Fig. 3.
 
     Solid: FM and SI. Dashed: contact. In a double impact, dots while both ends slip, circles while one sticks.
@@ -111,7 +114,7 @@ def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *,
     span : tuple of float
         Start and stop [s].
     color : str, optional
-        Of lines and marks.
+        Of lines and marks; that of text by default.
 
     Examples
     --------
@@ -122,6 +125,7 @@ def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *,
     >>> plots.portrait(figure.subplots(), run, "beta", plots.last_cycle(run))
     >>> figure.savefig("portrait.png")
     """
+    color = color or ink()
     events = run.events.isel(event=np.flatnonzero((run.events["time"] >= span[0]) & (run.events["time"] < span[1])))
     jumps = np.unique(events["time"].values[events["cause"].values == "impact"])
     just_before = np.maximum(span[0], jumps - 1e-9 / run.parameters["f"])
@@ -144,6 +148,7 @@ def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *,
     axes.xaxis.set_major_locator(MaxNLocator(5))
     axes.ticklabel_format(axis="x", scilimits=(-2, 4), useMathText=True)
     axes.ticklabel_format(axis="y", useOffset=False)
+    beyond_round_off(axes)
 
 
 def strobes(axes: Axes, run: SeenRun, angle: str) -> None:
@@ -161,7 +166,7 @@ def strobes(axes: Axes, run: SeenRun, angle: str) -> None:
         x, y, cycles = rates[:-1], rates[1:], cycles[1:]
         axes.set(xlabel=f"${letter}_n$ [rad/s]", ylabel=f"${letter}_{{n+1}}$ [rad/s]")
     later = cycles >= cycles[-1] // 2  # transients are left out
-    axes.plot(x[later], y[later], ".", color="#d55e00", markersize=3)
+    axes.plot(x[later], y[later], ".", color=MODE_COLORS["aperiodic"], markersize=3)
     axes.xaxis.set_major_locator(MaxNLocator(5))
 
 
@@ -190,8 +195,8 @@ def heights(axes: Axes, run: SeenRun, span: tuple[float, float]) -> None:
     states = run.states(np.linspace(*span, 2001))
     cycles = states["time"].values * run.parameters["f"]
     plate = states["plate"]
-    axes.plot(cycles, 1e3 * (plate + states["gap_2"]), color="black", linewidth=1, label="$p_2$")
-    axes.plot(cycles, 1e3 * (plate + states["gap_1"]), color="#d62728", linewidth=3, label="$p_1$")
+    axes.plot(cycles, 1e3 * (plate + states["gap_2"]), color=ink(), linewidth=1, label="$p_2$")
+    axes.plot(cycles, 1e3 * (plate + states["gap_1"]), color="#d62728", linewidth=3, zorder=1.9, label="$p_1$")
     axes.plot(cycles, 1e3 * plate, "--", color="#56b4e9", linewidth=1.2, label="plate")
     axes.set(xlabel="time [forcing periods]", ylabel="height [mm]")
     axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False)
@@ -217,14 +222,17 @@ def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
     at = np.linspace(0, x.size - 1 - step, arrows).astype(int)
     # over a whole forcing period: the mean velocity, without the wobble
     u, v = x[at + step] - x[at], y[at + step] - y[at]
-    scale = 9 * max(np.hypot(u, v).max(), 1e-300)
-    axes.quiver(x[at], y[at], u, v, color="#0072b2", width=5e-3, angles="xy", scale=scale, zorder=3)
-    axes.plot(x[:1], y[:1], "o", color="black", markersize=5, label="start")
+    scale = 9 * max(np.hypot(u, v).max(), 1e-300) / (max(np.ptp(x), np.ptp(y)) or 1.0)
+    how: Any = {"color": "#0072b2", "width": 5e-3, "zorder": 3}
+    axes.quiver(x[at], y[at], u, v, angles="xy", scale_units="xy", scale=scale, **how)
+    axes.update_datalim(np.column_stack([x[at] + u / scale, y[at] + v / scale]))  # heads of arrows are not cut
+    axes.plot(x[:1], y[:1], "o", color=ink(), markersize=5, label="start")
     axes.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
     axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), frameon=False)
+    beyond_round_off(axes)
 
 
-def run_figure(run: SeenRun, periods: int = 4) -> Figure:
+def run_figure(run: SeenRun, periods: int = 4, **look: Unpack[Look]) -> Figure:
     """One run: normal displacements, orbit of the centre of mass, and the phase portraits of its last cycle.
 
     Parameters
@@ -233,6 +241,7 @@ def run_figure(run: SeenRun, periods: int = 4) -> Figure:
         Recorded.
     periods : int
         Forcing periods shown of the normal displacements, counted from the end.
+    **look : see `Look`
 
     Returns
     -------
@@ -245,8 +254,8 @@ def run_figure(run: SeenRun, periods: int = 4) -> Figure:
     >>> plots.run_figure(run).savefig("run.png")
     """
     end, f = run.n_periods / run.parameters["f"], run.parameters["f"]
-    figure = Drawing(11, 7)
-    panels = figure.subplot_mosaic([["heights", "heights", "orbit"], ["beta", "theta", "gamma"]])
+    heading = f"{run.mode} after {run.n_periods} periods: {run.conditions(tex=True)}"
+    drawn, panels = board(look, (11, 7), heading, mosaic=[["heights", "heights", "orbit"], [*ANGLES]])
     heights(panels["heights"], run, (max(0.0, end - periods / f), end))
     orbit(panels["orbit"], run)
     aperiodic = run.mode == "aperiodic"
@@ -256,13 +265,12 @@ def run_figure(run: SeenRun, periods: int = 4) -> Figure:
     for letter, title, axes in zip("abcde", titles, panels.values(), strict=True):
         axes.set_title(f"({letter}) {title}", loc="left", fontsize=10)
     if not aperiodic:
-        figure.legend(handles=contact_legend(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    entitle(figure, f"{run.mode} after {run.n_periods} periods: {run.conditions(tex=True)}")
-    return figure
+        drawn.legend("lower center", contact_legend(), ncols=4, fontsize=8, frameon=False)
+    return drawn.done()
 
 
-def contact_legend(color: str = "black") -> list[Line2D]:
-    """Handles for what `portrait` draws.
+def contact_legend(color: str | None = None) -> list[Line2D]:
+    """Handles for what `portrait` draws; their colour is that of text by default.
 
     Examples
     --------
@@ -272,6 +280,7 @@ def contact_legend(color: str = "black") -> list[Line2D]:
     >>> legend.get_texts()[1].get_text()
     'contact'
     """
+    color = color or ink()
     return [
         Line2D([], [], color=color, linestyle="-", label="free motion, single impacts"),
         Line2D([], [], color=color, linestyle="--", label="contact"),
@@ -319,9 +328,10 @@ def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
     height = 0.8 / len(used)
     for k, term in enumerate(used):
         label, color = TERMS[term]
-        axes.barh(rows + (k + 0.5) * height - 0.4, works[term], height, color=color, label=label)
+        hatch = "////" if term in SLIPS else None
+        axes.barh(rows + (k + 0.5) * height - 0.4, works[term], height, color=color, label=label, hatch=hatch)
     axes.set_xscale("symlog", linthresh=SMALLEST * 10 ** np.ceil(np.log10(greatest)))
-    axes.axvline(0.0, color="black", lw=0.8)
+    axes.axvline(0.0, color=ink(), lw=0.8)
     axes.set_yticks(rows, works.index)
     axes.set_ylim(len(works) - 0.5, -0.5)
     for row in rows[:-1]:

@@ -1,15 +1,18 @@
-"""What all pictures share: colors, labels of parameters, edges of cells, and which files a picture may go to."""
+"""What all pictures share: colours, the place that they are drawn in, labels of parameters, and files they may go to."""
 
 import os
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 import xarray as xr
-from matplotlib import colormaps
+from matplotlib import colormaps, rc_context, rcParams
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure, FigureBase
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.patches import Patch
 from matplotlib.text import Text
@@ -17,52 +20,159 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocato
 
 from dimersweep import symbols
 from dimersweep.cubes.grid import DIRECTIONS
+from dimersweep.errors import ParameterError
 from dimersweep.parameters import reduced
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
 from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, is_angle, symbol, units_of, units_shown
 
-# after Okabe and Ito: distinct to color-blind readers too
+# after Okabe and Ito: at least 20 apart in CIELAB to readers with deuteranopia or protanopia, too
 MODE_COLORS = {
     "not_run": "#ffffff",
     "failed": "#000000",
     "rest": "#999999",
     "drift": "#0072b2",
     "jump": "#e69f00",
-    "flutter": "#009e73",
-    "period_n": "#cc79a7",
-    "aperiodic": "#d55e00",
-    "unresolved": "#c4bba3",
+    "flutter": "#139059",
+    "period_n": "#964777",
+    "aperiodic": "#ce5802",
+    "unresolved": "#c8b99a",
     "rolls": "#56b4e9",
-    "slides": "#882255",
+    "slides": "#6a053a",
 }
 MODE_LABELS = {word: word for word in MODE_COLORS} | {
     "rest": "rest: both ends down",  # it may roll on
     "rolls": "rolls: both ends down, speed changes",
     "slides": "slides: both ends down, slipping",
 }
-ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#cc79a7", "#e69f00")  # the paper's three first
+ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#dd99cc", "#e69f00")  # the paper's three first
 WAYS = tuple(f"going {word}" for word in DIRECTIONS)  # along the last axis, of cubes whose state was carried
 WAY_MARKERS = (">", "<")
 PICTURES = (".png", ".pdf", ".svg")
 DPI = 200  # of a picture that is not made of lines
+FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}  # that journals take; text stays text
+INDISTINCT = 1e-12  # of what is shown, in its unit: values that differ by less are drawn as one
+
+
+class Look(TypedDict, total=False):
+    """What every picture takes besides what it shows.
+
+    Attributes
+    ----------
+    ax : matplotlib Axes, Figure or SubFigure
+        Where to draw: an Axes for a picture of one panel, an empty Figure or SubFigure for any; else a figure is made. Above
+        an Axes there is no heading but `title`; its legend stands to its right.
+    size : tuple of float
+        Width and height of the figure that is made [inches].
+    title : str
+        The heading, in place of the one that tells the parameters; "" for none.
+
+    Examples
+    --------
+    >>> from dimersweep import plots, sweep
+    >>> cube = sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.28, 0.36]}, periods=60, progress=False)
+    >>> plots.mode_map(cube, size=(5, 3), title="Modes").savefig("modes.pdf")
+    """
+
+    ax: Axes | FigureBase | None
+    size: tuple[float, float] | None
+    title: str | None
 
 
 class Drawing(Figure):
-    """A figure that is laid out by itself, and has the same size in pixels whoever saves it."""
+    """A figure that is laid out by itself, and has the same size in pixels and the same kind of fonts whoever saves it."""
 
     def __init__(self, width: float, height: float) -> None:
         super().__init__(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
 
     def savefig(self, fname: Any, **how: Any) -> None:
         """Save the figure as matplotlib does, with `DPI` unless another resolution is given."""
-        super().savefig(fname, **{"dpi": DPI} | how)
+        with rc_context(FONTS):
+            super().savefig(fname, **{"dpi": DPI} | how)
+
+
+@dataclass(frozen=True)
+class Board:
+    """Where a picture is drawn: its figure, and the one Axes, if it was given, with its title."""
+
+    figure: Any
+    given: Any = None
+    title: str = ""
+
+    @property
+    def axes(self) -> list[Axes]:
+        """All panels of a figure, or the one that was given."""
+        return [self.given] if self.given else self.figure.axes
+
+    def legend(self, where: str, handles: Sequence[Any], **how: Any) -> None:
+        """A legend outside of the panels, where it hides nothing."""
+        if handles and self.given is None:
+            self.figure.legend(handles=handles, loc=f"outside {where}", **how)
+        elif handles:
+            beside = {"loc": "upper left", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0, "ncols": 1}
+            self.given.legend(handles=handles, **how | beside)
+
+    def done(self, above: float = 6.0) -> Figure:
+        """The figure, once all is drawn; the title stands so much `above` an Axes that was given [pt]."""
+        for axes in self.axes:
+            beyond_round_off(axes)
+        if self.title:
+            self.given.set_title(self.title, fontsize=10, pad=above)
+        return self.figure
+
+
+def board(look: Look, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Board, Any]:
+    """A figure of `size` in inches with a heading and its panels, see `Figure.subplots`; or what a `look` asks for."""
+    if left := look.keys() - Look.__optional_keys__:
+        raise TypeError(f"{min(left)}: unknown option (allowed: {', '.join(Look.__annotations__)})")
+    ax, wanted, title = look.get("ax"), look.get("size"), look.get("title")
+    mosaic = panels.pop("mosaic", None)
+    n = len({*np.ravel(mosaic)}) if mosaic else panels.get("nrows", 1) * panels.get("ncols", 1)
+    if ax is not None and wanted is not None:
+        raise ParameterError(f"size = {wanted}: is that of ax; leave one of the two out")
+    if isinstance(ax, Axes):
+        if n > 1:
+            raise ParameterError(f"ax: is one Axes for a picture of {n} panels; give a Figure or SubFigure")
+        return Board(ax.figure, ax, title or ""), ax if panels.get("squeeze", True) else np.array([[ax]])
+    if not isinstance(ax, FigureBase | None):
+        raise ParameterError(f"ax: is a {type(ax).__name__}; give an Axes, a Figure or a SubFigure")
+    figure = Drawing(*(wanted or size)) if ax is None else ax
+    entitle(figure, heading if title is None else title)
+    return Board(figure), figure.subplot_mosaic(mosaic) if mosaic else figure.subplots(**panels)
+
+
+def beyond_round_off(axes: Axes) -> None:
+    """Widen the linear scales of axes that would show round-off."""
+    for axis in (axes.xaxis, axes.yaxis):
+        shown = tuple(axis.get_view_interval())
+        if axis.get_scale() == "linear" and widened(*shown) != shown:
+            axis.set_view_interval(*widened(*shown), ignore=True)
+
+
+def widened(low: float, high: float) -> tuple[float, float]:
+    """Ends of a scale, set apart where round-off alone lies between them."""
+    size = max(abs(low), abs(high))
+    if abs(high - low) > INDISTINCT * max(1.0, size):
+        return low, high
+    half = 0.05 * (size if size > INDISTINCT else 1.0)
+    return low - half, high + half
+
+
+def ink() -> str:
+    """The colour of lines that are black on white, in the style."""
+    return to_hex(rcParams["text.color"])
+
+
+def mode_colors() -> dict[str, str]:
+    """Of each mode, in the style: black and white are the other way round on a dark ground."""
+    dark = np.mean(to_rgb(rcParams["axes.facecolor"])) < 0.5
+    return MODE_COLORS | ({"not_run": "#000000", "failed": "#ffffff"} if dark else {})
 
 
 def row_colors(n: int) -> list[Any]:
     """Colours of `n` curves in one panel, all of them distinct."""
     if n <= len(ROW_COLORS):
-        return list(ROW_COLORS[:n])
+        return [ink() if color == "#000000" else color for color in ROW_COLORS[:n]]
     return [colormaps["viridis"](k / (n - 1)) for k in range(n)]
 
 
@@ -147,21 +257,21 @@ def title(cube: xr.Dataset) -> str:
     return conditions(*fixed_of(cube), tex=True)
 
 
-def entitle(figure: Figure, heading: str) -> Text:
+def entitle(figure: FigureBase, heading: str) -> Text:
     """Write a heading above all panels, in as many lines as the figure's width asks for."""
     return figure.suptitle(heading, fontsize=10, wrap=True)
 
 
-def framed(cube: xr.Dataset, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Figure, Any]:
-    """A figure of `size` in inches with the title of `cube` behind a heading, and its panels, see `Figure.subplots`."""
-    figure = Drawing(*size)
-    entitle(figure, heading + title(cube))
-    return figure, figure.subplots(**panels)
+def framed(
+    look: Look, cube: xr.Dataset, size: tuple[float, float], heading: str = "", **panels: Any
+) -> tuple[Board, Any]:
+    """See `board`; with the title of `cube` behind a heading."""
+    return board(look, size, heading + title(cube), **panels)
 
 
-def face(color: Any, label: str, edgecolor: str = "black", linewidth: float | None = 0.5, hatch: str = "") -> Patch:
+def face(color: Any, label: str, edgecolor: str = "", linewidth: float | None = 0.5, hatch: str = "") -> Patch:
     """The handle of a legend for areas of a colour."""
-    return Patch(facecolor=color, edgecolor=edgecolor, linewidth=linewidth, hatch=hatch or None, label=label)
+    return Patch(facecolor=color, edgecolor=edgecolor or ink(), linewidth=linewidth, hatch=hatch or None, label=label)
 
 
 def spread(n: int, most: int) -> np.ndarray:
@@ -203,5 +313,5 @@ def write_picture(figure: Figure, path: str | os.PathLike[str], *, force: bool =
     >>> write_picture(run_figure(simulate(periods=30)), "run.png", force=True)
     """
     path = check_picture(path, force=force, name="picture")
-    with disk_errors(f"picture = {path}", ""), replacing(path) as temporary:
+    with disk_errors(f"picture = {path}", ""), replacing(path) as temporary, rc_context(FONTS):
         figure.savefig(temporary, format=path.suffix.removeprefix("."), **how)

@@ -2,7 +2,7 @@
 
 import warnings
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -22,6 +22,8 @@ from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from dimersweep.plots.style import Look
 
 
 def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
@@ -156,6 +158,7 @@ class CubeAccessor:
         *,
         quantity: str | None = None,
         force: bool = False,
+        **look: "Unpack[Look]",
     ) -> "Figure":
         """Draw the cube, and write the picture to `path` if one is given.
 
@@ -169,6 +172,7 @@ class CubeAccessor:
             A variable of the cube, to be drawn over its axes.
         force : bool
             Whether `path` may be replaced.
+        **look : see `dimersweep.plots.Look`
 
         Raises
         ------
@@ -179,7 +183,7 @@ class CubeAccessor:
 
         if path is not None:
             check_picture(path, force=force, name="picture")
-        figure = draw(self._cube, kind, quantity=quantity)
+        figure = draw(self._cube, kind, quantity=quantity, **look)
         if path is not None:
             write_picture(figure, path, force=force)
         return figure

@@ -151,7 +151,8 @@ def multipliers(run: Run) -> Multipliers:
     """
     record, state, modes = _end(run, "multipliers")
     if run.mode_period == 0:
-        raise ParameterError(f"multipliers: the motion does not repeat (mode {run.mode}); give it more periods")
+        instead = "lyapunov tells its growth" if run.mode == "aperiodic" else "give it more periods"
+        raise ParameterError(f"multipliers: the motion does not repeat (mode {run.mode}); {instead}")
     return of_orbit(Section(record.row, min(run.rtol, MAP_RTOL)), state, modes, run.mode_period)
 
 

@@ -7,7 +7,7 @@ from functools import cached_property, partial
 from math import isnan
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import xarray as xr
@@ -42,6 +42,7 @@ from dimersweep.work.stopping import stoppable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from dimersweep.plots.style import Look
     from dimersweep.plots.view import View
     from dimersweep.runs.energy import By
     from dimersweep.runs.sections import At
@@ -416,8 +417,8 @@ class Run(RunNumbers):
 
         return write_run(vars(self), self.events if self._record else xr.Dataset(), path, force=force)
 
-    def plot(self, path: str | PathLike[str] | None = None, *, force: bool = False) -> "Figure":
-        """Heights, orbit and phase portraits, and a picture of them at `path` if one is given.
+    def plot(self, path: str | PathLike[str] | None = None, *, force: bool = False, **look: "Unpack[Look]") -> "Figure":
+        """Heights, orbit and phase portraits, and a picture of them at `path` if one is given; `look` as in `plots.Look`.
 
         Raises
         ------
@@ -436,7 +437,7 @@ class Run(RunNumbers):
         self.record("plot")
         if path is not None:
             check_picture(path, force=force, name="picture")
-        figure = run_figure(self)
+        figure = run_figure(self, **look)
         if path is not None:
             write_picture(figure, path, force=force)
         return figure

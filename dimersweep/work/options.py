@@ -62,6 +62,8 @@ def make_options(**given: Unpack[Given]) -> Options:
     for name, value in given.items():
         if name not in Given.__optional_keys__:
             fixed = f"; what is the same at all points goes into fixed = {{{name!r}: {value!r}}}"
+            if hasattr(value, "__len__") and not isinstance(value, str):
+                fixed = f"; give the axes as a mapping: {{{name!r}: {value!r}}}"
             raise TypeError(f"{name} = {value!r}: unknown option{fixed if name in PARAMETERS else ''}")
     out, workers = given.get("out"), given.get("workers")
     checked: dict[str, Any] = dict(given) | {
