@@ -40,7 +40,7 @@ def study_of(
         Naming what is not allowed.
     """
     if (axes is None) == (points is None):
-        raise ParameterError("grid: give either a grid or points")
+        raise ParameterError('grid: give either a grid, such as {"f": [15, 20]}, or points')
     if carry is not None and axes is None:
         raise ParameterError(f"carry = {carry!r}: is for grids, whose last axis it goes along, not for single points")
     grid: Grid = make_points(points, fixed) if axes is None else make_grid(axes, fixed, carry=carry)
