@@ -51,7 +51,7 @@ def thrown(scene, t):
     spin = scene["gammadot0"] + scene["thetadot0"] * sin(scene["beta0"])
     momentum = d.J1 * np.cross(axis, rate) + d.J2 * spin * axis
     about, speed = momentum / np.linalg.norm(momentum), np.linalg.norm(momentum) / d.J1
-    plate = d.A[2] * sin(scene["phi0"])
+    plate = d.A[0, 2] * sin(scene["phi0"])
     ball = pair(0.0, 0.0, d.r[0] + scene["gap0"] + plate)  # p1 is the lower end
     centre = ball + d.h * axis + (pair(scene["xdot0"], scene["ydot0"], 0.0) + d.h * rate) * t
     centre[2] -= 0.5 * d.g * t**2
@@ -91,7 +91,7 @@ def test_a_dimer_that_is_dropped_lands_when_it_has_fallen_so_far():
 def test_parameters_of_a_start_mean_what_a_given_state_does(beta0, gap0):
     scene = UNLIKE | SHAKEN | TURNING | {"beta0": beta0, "gap0": gap0, "phi0": 0.7}
     d = dimer({name: value for name, value in scene.items() if name not in START})
-    along = d.A[:2] * d.omega * np.cos(d.phi[:2])  # states are relative to the plate, starts are not
+    along = d.A[0, :2] * d.omega * np.cos(d.phi[0, :2])  # states are relative to the plate, starts are not
     state = {
         "x1_rate": scene["xdot0"] - along[0],
         "y1_rate": scene["ydot0"] - along[1],

@@ -186,7 +186,7 @@ def march(
     d = dimer(parameters)
     q, qdot = np.zeros(6), np.zeros(6)
     q[4], qdot[0] = parameters.get("beta0", 4 * pi / 45), parameters.get("xdot0", 1.0)
-    qdot[2] = -d.A[2] * d.omega * np.cos(d.phi[2])  # at rest in space, on the moving plate
+    qdot[2] = -d.A[0, 2] * d.omega * np.cos(d.phi[0, 2])  # at rest in space, on the moving plate
     samples, landings = np.zeros((len(times), N_STATE)), np.zeros(10_000)
     n = run(
         top_of(d), state_of(d, q, qdot), np.array(d.e), stiffness, dashpot_of(d, stiffness),

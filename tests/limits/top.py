@@ -37,7 +37,7 @@ class Top(NamedTuple):
 
 def top_of(d: Dimer) -> Top:
     """Constants for the compiled code."""
-    return Top(d.r[0], d.l / 2, d.m, d.J1, d.J2, d.mu[0], d.mu_s[0], d.A[2], d.omega, d.phi[2], d.g)
+    return Top(d.r[0], d.l / 2, d.m, d.J1, d.J2, d.mu[0], d.mu_s[0], d.A[0, 2], d.omega, d.phi[0, 2], d.g)
 
 
 @compiled
@@ -137,7 +137,7 @@ def fly(top, state, h):
 @compiled
 def gravity(top, t):
     """Gravity felt in the plate's frame."""
-    return top.g - top.A[0] * top.omega**2 * sin(top.omega * t + top.phi0)
+    return top.g - top.A_z * top.omega**2 * sin(top.omega * t + top.phi0)
 
 
 def state_of(d: Dimer, q: Array, qdot: Array) -> Array:
