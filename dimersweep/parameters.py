@@ -12,7 +12,7 @@ import numpy as np
 from dimersweep.errors import ParameterError, one_line, unknown
 from dimersweep.inputs import number, read_toml
 from dimersweep.kernel.model.layout import HARMONICS, N_ROW, ROW, WAVES, Dimer
-from dimersweep.symbols import BASE, ENDS, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS
+from dimersweep.symbols import BASE, ENDS, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, STAND_INS
 
 
 class Rule(NamedTuple):
@@ -185,14 +185,14 @@ def spelt_out(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) 
     ParameterError
         For a parameter that is given twice, for harmonics that are none, and for a value that is not allowed.
     """
-    values = {name: value for name, value in given.items() if name not in (*INSTEAD, "harmonics")}
+    values = {name: value for name, value in given.items() if name not in STAND_INS}
     if given.get("harmonics") is not None:
         values |= _spelt_harmonics(given["harmonics"], {*given})
     for name, (parameter, quantity) in INSTEAD.items():
         if given.get(name) is None:
             continue
         if parameter in values:
-            by = [each for each in (parameter, *INSTEAD, "harmonics") if each in given and each != name]
+            by = [each for each in (parameter, *STAND_INS) if each in given and each != name]
             raise ParameterError(f"{name}: given together with {by[0]}; leave one of the two out")
         size, beside = number(name, given[name], quantity.units), BASE | dict(known or {}) | values
         needed = {each: beside[each] for each in (("r", *ENDS["r"]) if name == "l" else ("f", "g")) if each in beside}
@@ -316,6 +316,18 @@ def check_name(name: str) -> None:
     if name not in PARAMETERS:
         shown = [each for each in PARAMETERS if each not in HIGHER]
         raise ParameterError(unknown(name, "parameter", [*shown, "Gamma_3 to phi_y_16"]))
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Refuse names that are neither parameters of the model nor stand for some (`symbols.STAND_INS`).
+
+    Raises
+    ------
+    ParameterError
+    """
+    for name in names:
+        if name not in STAND_INS:
+            check_name(name)
 
 
 def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:

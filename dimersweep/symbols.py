@@ -112,6 +112,7 @@ INSTEAD = {
     "A_z": ("Gamma", Quantity("m", "amplitude of the plate, in place of Gamma")),
     "v_z": ("Gamma", Quantity("m s-1", "greatest velocity of the plate, in place of Gamma")),
 }
+STAND_INS = (*INSTEAD, "harmonics")  # all that is given in place of parameters
 # what the parameters that may be left out are then: the value of another parameter, or a number
 LEFT_OUT: dict[str, str | float] = {
     **{f"{name}_{end}": name for name in ("e", "r", "rho_b", "mu", "mu_s") for end in (1, 2)},

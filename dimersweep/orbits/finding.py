@@ -20,9 +20,8 @@ from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import SPIN_COORDINATE, TURN, OrbitLost, Recorder, ReturnMap, in_steps
 from dimersweep.orbits.specials import JOINED
-from dimersweep.parameters import Parameters, check_level, check_name, dimer_from, updated, value_of
+from dimersweep.parameters import Parameters, check_level, check_names, dimer_from, updated, value_of
 from dimersweep.runs.run import Run
-from dimersweep.symbols import INSTEAD
 
 Start = tuple[ReturnMap, np.ndarray]
 
@@ -208,9 +207,7 @@ def orbit_at(
 
 def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None) -> dict[str, float]:
     """All parameters, those of the guess where they are not given; refuses unknown ones, and values that are not allowed."""
-    for name in parameters:
-        if name not in (*INSTEAD, "harmonics"):
-            check_name(name)
+    check_names(parameters)
     if guess is not None and not isinstance(guess, Run | PeriodicOrbit):
         raise ParameterError(f"guess = {guess!r}: must be a Run or a PeriodicOrbit")
     given = Parameters(**updated({} if guess is None else guess.parameters, parameters)).given()

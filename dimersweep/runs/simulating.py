@@ -8,13 +8,13 @@ import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_seconds, check_switch
-from dimersweep.parameters import Parameters, check_name, moved_on, updated
+from dimersweep.parameters import Parameters, check_names, moved_on, updated
 from dimersweep.runs.behind import parameters_of, was_carried
 from dimersweep.runs.recorded import parameters_in
 from dimersweep.runs.run import Run, proven_run, simulate_checked
 from dimersweep.runs.solving import check_recorded, run_settings
 from dimersweep.runs.starting import is_point, named, start_of
-from dimersweep.symbols import INSTEAD, START
+from dimersweep.symbols import START
 
 
 def simulate(
@@ -72,9 +72,7 @@ def simulate(
     >>> run.mode, run.orbit.di_end
     ('drift', 'sp_sk')
     """
-    for name in parameters:
-        if name not in (*INSTEAD, "harmonics"):
-            check_name(name)
+    check_names(parameters)
     if is_point(start):
         if was_carried(start):
             raise ParameterError(

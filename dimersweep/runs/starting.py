@@ -14,7 +14,7 @@ from dimersweep.kernel.model.body import dimer_of, rise_at
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, N_STATE, Dimer, State
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import dimer_from
-from dimersweep.symbols import BASE, FORMER_NAMES, HIGHER, INSTEAD, PARAMETERS, STATE_QUANTITIES
+from dimersweep.symbols import BASE, FORMER_NAMES, HIGHER, PARAMETERS, STAND_INS, STATE_QUANTITIES
 
 CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]
 GAPS_AGREE = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
@@ -137,7 +137,7 @@ def named(function: Any) -> Signature:
     own = [each for each in Signature.from_callable(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
     model = [
         Parameter(name, Parameter.KEYWORD_ONLY, default=BASE.get(name), annotation="float | str | None")
-        for name in (*PARAMETERS, *INSTEAD, "harmonics")
+        for name in (*PARAMETERS, *STAND_INS)
         if name not in HIGHER
     ]
     return Signature([*model, *own])

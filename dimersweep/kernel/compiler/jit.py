@@ -27,6 +27,7 @@ _njit: Any = numba.njit
 # has an attribute for each setting that this Numba knows
 _known: Any = getattr(getattr(_njit(lambda: None), "targetdescr", None), "options", None)
 _changing = threading.Lock()
+_OF_OTHERS = (MemoryError, TimeoutError, numba.TypingError)  # errors of the machine, of a signal, of a call
 
 
 class Part:
@@ -82,9 +83,7 @@ class Kernel(Part):
         try:
             return self.dispatcher(*given)
         except Exception as error:  # while it is compiled: a kernel raises nothing
-            if asked_way() or isinstance(
-                error, (MemoryError, TimeoutError, numba.TypingError)
-            ):  # of the machine, of a signal
+            if asked_way() or isinstance(error, _OF_OTHERS):
                 raise
             with _changing:
                 if way() == FAST:  # no other thread was here meanwhile

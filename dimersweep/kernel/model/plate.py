@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.compiler.jit import compiled, plain
 from dimersweep.kernel.model.layout import HARMONICS, ROW_PHI0, ROW_X, ROW_Y, ROW_Z
 from dimersweep.kernel.numerics.sincos import TWO_PI, one_minus_cos, sincos, x_minus_sin
 
@@ -306,7 +306,7 @@ def start_later(row, by):
 def started_at(row, phase):
     """A parameter row with the plate at `phase` [rad] at the start, in [0, 2 pi)."""
     later = row.copy()
-    later[ROW_Z + 1 : ROW_X : 2] += np.arange(1, HARMONICS + 1) * (phase - row[ROW_PHI0])
+    plain(start_later)(later, phase - row[ROW_PHI0])
     later[ROW_PHI0] = phase % TWO_PI
     return later
 
