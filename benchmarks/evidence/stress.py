@@ -31,6 +31,7 @@ from tests.checks.examine import CODE, GAINED, KINDS, SUNK, examine, lies
 from tests.checks.random_scenes import (
     BLOCK,
     LONGEST,
+    SAWS,
     base,
     faults,
     lying_nan,
@@ -367,9 +368,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", type=int)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--domain", choices=("near", "far", "mixed", "wider", "wild", "whole", "harmonics"), default="whole"
-    )
+    parser.add_argument("--domain", choices=("near", "far", "mixed", "wider", "wild", "whole", *SAWS), default="whole")
     parser.add_argument("--periods", type=int, default=10)
     parser.add_argument("--rtol", type=float, default=1e-8)
     parser.add_argument("--workers", type=int, default=os.cpu_count())

@@ -28,6 +28,7 @@ from tests.checks.examine import CODE, examine, lies
 
 BLOCK = 1000  # scenes that have random numbers of their own
 SEED = 20240305  # of the scenes that are compared with other programs
+SAWS = {"harmonics": 0.5, "sawtooth": 1.0}  # domains of higher harmonics, with the share of saw-tooths
 LONGEST = 5.0  # time for a scene [s], after which it is stopped
 
 
@@ -218,12 +219,14 @@ def whole(rng, n, away):
     return columns
 
 
-def harmonics(rng, n, columns):
-    """Higher harmonics of the plate: those of a saw-tooth, or some of any phases, along its normal or along all axes."""
+def harmonics(rng, n, columns, saws):
+    """Higher harmonics of the plate along its normal, or along all axes: in a share `saws` those of a saw-tooth, else some of
+    any phases.
+    """
     waves = {}
     for axis, wave in enumerate(WAVES):
         there = rng.random(n) < (1.0 if axis == 0 else 0.3)
-        saw, last = rng.random(n) < 0.5, rng.integers(2, HARMONICS + 1, n)
+        saw, last = rng.random(n) < saws, rng.integers(2, HARMONICS + 1, n)
         first = columns.get(wave[0][0], np.zeros(n))
         phase = columns["phi0"] if axis == 0 else columns.get(wave[0][1], np.zeros(n))
         for k, (Gamma, phi) in enumerate(wave[1:], start=2):
@@ -236,15 +239,15 @@ def harmonics(rng, n, columns):
 def rows_of(block, n, seed, domain):
     """Parameter rows of the first `n` scenes of one block; each block has random numbers of its own."""
     rng = np.random.default_rng([seed, block])
-    away = domain == "far" or (domain in ("mixed", "wider", "whole", "harmonics") and block % 2 == 1)
-    if domain in ("whole", "harmonics"):
+    away = domain == "far" or (domain in ("mixed", "wider", "whole", *SAWS) and block % 2 == 1)
+    if domain == "whole" or domain in SAWS:
         columns = whole(rng, BLOCK, away)
     else:
         columns = wild(rng, BLOCK) if domain == "wild" else far(rng, BLOCK) if away else near(rng, BLOCK)
     if domain == "wider":
         columns |= wider(rng, BLOCK, columns)
-    if domain == "harmonics":
-        columns |= harmonics(rng, BLOCK, columns)
+    if domain in SAWS:
+        columns |= harmonics(rng, BLOCK, columns, SAWS[domain])
     return fill_rows(columns, BLOCK)[:n]
 
 
