@@ -23,7 +23,7 @@ from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.tilestore import tile_store
 from dimersweep.studies.declared import Declaration, read_declaration
 from dimersweep.studies.point_tables import point_table
-from dimersweep.studies.status import status
+from dimersweep.studies.status import status, status_lines
 from dimersweep.studies.sweep import study_of
 from dimersweep.symbols import INSTEAD, PARAMETERS
 from dimersweep.work.tiles import attempt
@@ -366,7 +366,7 @@ def test_a_store_that_tells_anything(left_behind, value, name):
     with contextlib.closing(sqlite3.connect("cube.nc.tiles")) as file, file:
         file.execute("UPDATE about SET value = ? WHERE name = ?", (value, name))
     try:
-        assert status(Path("cube.nc"))[0].startswith("cube.nc: 10 of ")
+        assert status_lines(status(Path("cube.nc")))[0].startswith("cube.nc: 10 of ")
     except UserError as error:
         assert one_line(error), error
 

@@ -19,7 +19,7 @@ from dimersweep.storage.provenance import attributes
 from dimersweep.storage.tilestore import tiles_of
 from dimersweep.studies.declared import read_declaration
 from dimersweep.studies.search import search
-from dimersweep.studies.status import status
+from dimersweep.studies.status import status, status_lines
 from dimersweep.studies.sweep import study_of
 from tests.fakes import points_on_disk, run_tile
 from tests.seams import set_chunks, set_pace
@@ -140,7 +140,7 @@ def test_kills_at_random_moments(others, tmp_path, kind, kills):
             process.send_signal(signal.SIGKILL)
         assert process.returncode == -signal.SIGKILL, "it ended before it was killed"
         done.append(points_on_disk(out))
-        assert status(out)[0].startswith(f"{out}: {done[-1]} of ")
+        assert status_lines(status(out))[0].startswith(f"{out}: {done[-1]} of ")
     assert done == sorted(done), "a kill has cost finished points"
     assert 0 < done[0] <= done[-1] < finished(others[kind])
     cube = MAKERS[kind](out, workers=2)

@@ -18,7 +18,7 @@ from dimersweep.kernel.model.layout import M_DRIFT, MODES, ROW
 from dimersweep.studies import deciding
 from dimersweep.studies.deciding import spread_order
 from dimersweep.studies.search import search, study_of, waves
-from dimersweep.studies.status import status
+from dimersweep.studies.status import status, status_lines
 from dimersweep.work.stopping import StopFlag
 from dimersweep.work.tiles import attempt
 from tests.fakes import failing, fake_run_many, forget_some, points_made, raising, same_bits
@@ -128,7 +128,7 @@ def test_a_search_that_is_stopped_keeps_what_it_has(fake_kernel, monkeypatch, tm
         use_kernel(patch, interrupts)
         with pytest.raises(Stopped, match=r"\d+ of 21 points are kept in .*cube.nc.tiles; run the same again to go on"):
             quiet_search(out=out, workers=1)
-    assert status(out)[-1] == "at work: nobody; run the same sweep again to go on"
+    assert status_lines(status(out))[-1] == "at work: nobody; run the same sweep again to go on"
     with pytest.raises(
         StoreError, match=r'holds results of other settings.*What differs:\n  search.mode: "drift" -> "jump"$'
     ):

@@ -21,7 +21,7 @@ from dimersweep.errors import StoreError
 from dimersweep.storage.locking import is_locked, locked
 from dimersweep.storage.store import Store
 from dimersweep.storage.tilestore import TileStore, tile_store
-from dimersweep.studies.status import status
+from dimersweep.studies.status import status, status_lines
 from dimersweep.studies.sweep import study_of
 from dimersweep.work.tiles import attempt
 from tests.fakes import points_made, points_on_disk
@@ -151,7 +151,7 @@ def test_damaged_results_are_told_and_computed_again(counted, damage, told):
     left_behind((0, 30), (50, 60))
     damage()
     counted.clear()
-    assert status(Path("cube.nc"))[0].startswith("cube.nc: ")
+    assert status_lines(status(Path("cube.nc")))[0].startswith("cube.nc: ")
     with pytest.warns(RuntimeWarning, match=rf"^cube.nc.tiles: damaged results are computed again \(({told})\)$"):
         cube = sweep()
     assert points_made(counted) in (120 - 30, 120 - 40)
@@ -246,21 +246,24 @@ def test_status_reads_while_another_writes():
         store.flush()
         with store.connection:
             store.take_out(0)
-            assert status(Path("cube.nc"))[0] == "cube.nc: 30 of 120 points done (25 %)"
-        assert status(Path("cube.nc"))[0] == "cube.nc: 0 of 120 points done (0 %)"
+            assert status_lines(status(Path("cube.nc")))[0] == "cube.nc: 30 of 120 points done (25 %)"
+        assert status_lines(status(Path("cube.nc")))[0] == "cube.nc: 0 of 120 points done (0 %)"
 
 
 def test_status_tells_of_a_clock_that_was_set_back():
     left_behind((0, 30))
     change("UPDATE tiles SET at = '2999-01-01T00:00:00+00:00'")
-    assert status(Path("cube.nc"))[2] == "last tile: 2999-01-01T00:00:00+00:00, by a clock that has been set back since"
+    assert (
+        status_lines(status(Path("cube.nc")))[2]
+        == "last tile: 2999-01-01T00:00:00+00:00, by a clock that has been set back since"
+    )
 
 
 @pytest.mark.parametrize("column", ["what = 'x'", "at = 'yesterday'", "what = 3", "what = '{\"rest\": -1}'"])
 def test_status_tells_of_damage(column):
     left_behind((0, 30))
     change(f"UPDATE tiles SET {column}")
-    assert "cube.nc.tiles: is damaged; what is lost will be computed again" in status(Path("cube.nc"))
+    assert "cube.nc.tiles: is damaged; what is lost will be computed again" in status_lines(status(Path("cube.nc")))
 
 
 def test_nothing_is_said_to_be_kept_where_nothing_is(monkeypatch):
@@ -273,8 +276,8 @@ def test_nothing_is_said_to_be_kept_where_nothing_is(monkeypatch):
 def test_tiles_are_kept_when_asked():
     sweep(keep_tiles=True)
     assert sorted(os.listdir()) == ["cube.nc", "cube.nc.tiles"]
-    assert status(Path("cube.nc"))[-1] == "cube: is written"
-    assert status(STORE)[0] == "cube.nc: 120 of 120 points done (100 %)"
+    assert status_lines(status(Path("cube.nc")))[-1] == "cube: is written"
+    assert status_lines(status(STORE))[0] == "cube.nc: 120 of 120 points done (100 %)"
 
 
 def test_only_some_of_many_damaged_tiles_are_told_by_name():
@@ -514,7 +517,7 @@ def test_what_a_kill_has_left_half_written_is_taken_back(counted, recwarn):
     subprocess.run([sys.executable, "-c", HALF_WRITTEN], check=False)
     half = STORE.read_bytes()
     assert half != before and Path("cube.nc.tiles-journal").stat().st_size > 4096
-    assert status(Path("cube.nc"))[0].startswith("cube.nc: ")
+    assert status_lines(status(Path("cube.nc")))[0].startswith("cube.nc: ")
     assert STORE.read_bytes() == half
     counted.clear()
     xr.testing.assert_equal(sweep(), reference)

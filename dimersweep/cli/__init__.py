@@ -5,40 +5,67 @@ import re
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from functools import wraps
 from io import TextIOWrapper
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from dimersweep.cli.drawing import explore, plot
-from dimersweep.cli.interrupting import interruptible
+from dimersweep.cli.finding import attractors, orbits
 from dimersweep.cli.simulating import simulate
 from dimersweep.cli.sweeping import borders, plan, presets, run, status
 from dimersweep.errors import ParameterError, UserError, unknown
 
 INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
 
+
+class _Plain:
+    """Of a command or a group of them: its flags are shown without a type."""
+
+    def get_params(self, context: Any) -> Any:
+        params = super().get_params(context)  # type: ignore[misc]
+        for each in params:
+            each.metavar = "" if getattr(each, "is_flag", False) else each.metavar
+        return params
+
+
+class _Command(_Plain, TyperCommand):
+    pass
+
+
+class _Group(_Plain, TyperGroup):
+    pass
+
+
 app = typer.Typer(
+    cls=_Group,
     help="Event-driven simulation of a 3D dimer on a vibrating plate.",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-
-def _stoppable(command: Callable[..., None]) -> Callable[..., None]:
-    """A command that a signal ends with one line and its exit code, wherever it is: what typer makes of it varies."""
-
-    @wraps(command)
-    def stoppable(*arguments: Any, **options: Any) -> None:
-        with interruptible():
-            command(*arguments, **options)
-
-    return stoppable
-
-
-for command in (simulate, run, presets, plan, status, plot, explore, borders):
-    app.command()(_stoppable(command))
+EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
+    simulate: (
+        "simulate --Gamma 0.9 --f 15 --beta0 16deg --periods 200 --plot run.png",
+        "simulate --A_z 1mm --f 15 --r_1 5.1mm --json",
+    ),
+    run: ("run fig07", "run my.toml --out my.nc --workers 4 --certify", "run --from my.nc --out again.nc"),
+    presets: ("presets", "presets fig07 > my.toml"),
+    plan: ("plan fig08",),
+    status: ("status fig08.nc",),
+    plot: ("plot fig07.nc --select f=15", "plot fig14_16.nc --quantity radius"),
+    explore: ("explore", "explore fig08.nc"),
+    borders: ("borders atlas", "borders my.toml --plan"),
+    orbits: (
+        "orbits --e 0.65 --f 22 --A_r 5 --mu 0.1 --mu_s 0.15",
+        "orbits --spin 100 --follow Gamma=1.3 --out branch.nc --plot branch.png",
+    ),
+    attractors: ("attractors beta0=1deg:89deg xdot0=0.2:2 --e 0.8 --Gamma 1 --starts 100",),
+}
+for command, examples in EXAMPLES.items():
+    shown = "\n\n".join(f"dimersweep {each}" for each in examples)
+    app.command(cls=_Command, epilog=f"Examples:\n\n{shown}")(command)
 
 
 @app.command(hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})

@@ -4,17 +4,19 @@ import warnings
 from collections import Counter
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import Force, argument, number_option, option
-from dimersweep.errors import ParameterError
-from dimersweep.symbols import PARAMETERS
+from dimersweep.cli.options import OUTPUT, Force, argument, number_option, option
+from dimersweep.cli.printing import Printer, number_or_none, telling
+from dimersweep.errors import ParameterError, unknown
+from dimersweep.symbols import ORBIT_NAMES, PARAMETERS, QUANTITIES, Picture, given
 
 PICTURE_MARK = "dimersweep cube, configuration sha256 "  # in a picture, before that of the cube it was drawn from
 LAST_PORT = 65535
+PICTURE_KINDS = get_args(Picture)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -23,33 +25,53 @@ if TYPE_CHECKING:
     from dimersweep.studies.study import Study
 
 
+@telling
 def plot(
-    cube: Annotated[Path, argument("CUBE", "Cube to draw.")],
+    tell: Printer,
+    cube: Annotated[Path, argument("CUBE", "Cube to draw, or borders, branches, families of orbits.")],
     *,
-    out: Annotated[Path | None, option("Picture; the cube's name with .png by default.")] = None,
-    kind: Annotated[str | None, option("Kind of picture, in place of the declared one.")] = None,
-    quantity: Annotated[str | None, option("Draw a map of this variable, such as radius.")] = None,
+    kind: Annotated[
+        str | None,
+        option(f"Kind, in place of the declared one: {', '.join(PICTURE_KINDS)}.", words=lambda: PICTURE_KINDS),
+    ] = None,
+    quantity: Annotated[
+        str | None,
+        option(f"Draw a map of a variable of the cube: {', '.join(ORBIT_NAMES)}, ...", words=lambda: QUANTITIES),
+    ] = None,
     select: Annotated[
         list[str] | None,
-        option("Keep the nearest value of an axis, such as f=15 or beta0=16deg.", metavar="NAME=VALUE"),
+        option(
+            "Keep the nearest value of an axis, such as f=15 or beta0=16deg.",
+            metavar="NAME=VALUE",
+            words=lambda: (f"{name}=" for name in PARAMETERS),
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, option("Picture; by default CUBE.png, or CUBE-KIND.png, CUBE-QUANTITY.png.", group=OUTPUT)
     ] = None,
     force: Force = False,
 ) -> None:
     """Draw a cube: as it was declared, or another kind, a quantity, a selection."""
+    if kind is not None and kind not in PICTURE_KINDS:
+        raise ParameterError(f"kind: {unknown(kind, 'kind of picture', PICTURE_KINDS)}")
     from dimersweep.plots import check_picture
     from dimersweep.storage.cubefiles import open_cube
     from dimersweep.storage.outputs import refuse_input
 
-    if out is None and not cube.name:
+    if not cube.name:
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
-    picture = check_picture(out or cube.with_suffix(".png"), force=force)
+    opened = open_cube(cube)
+    if quantity is not None and quantity not in opened:
+        raise ParameterError(f"quantity: {unknown(quantity, 'variable of the cube', map(str, opened.data_vars))}")
+    which = quantity or kind
+    picture = out or (cube.with_name(f"{cube.stem}-{which}.png") if which else cube.with_suffix(".png"))
+    picture = check_picture(picture, force=force)
     refuse_input(picture, cube)
     with interruptible(picture):
-        opened = open_cube(cube)
         for each in select or ():
             opened = _selected(opened, each)
-        print_cube(opened)
-        draw_beside(opened, picture, kind, quantity)
+        print_cube(tell, opened)
+        draw_beside(tell, opened, picture, kind, quantity)
 
 
 def explore(
@@ -63,23 +85,21 @@ def explore(
     """Play with a dimer in a browser: it moves as its sliders do, or as a point of a map is clicked."""
     if port is not None and not 0 <= port <= LAST_PORT:
         raise ParameterError(f"port = {port}: must be 0 to {LAST_PORT}")
-    from dimersweep.work.progress import report_compiling
-
-    opened = None
-    if cube is not None:
+    with interruptible():
         from dimersweep.storage.cubefiles import open_cube
+        from dimersweep.work.progress import report_compiling
 
-        opened = open_cube(cube)
-    report_compiling()
-    from dimersweep.exploring.serving import Explorer
+        opened = None if cube is None else open_cube(cube)
+        report_compiling()
+        from dimersweep.exploring.serving import Explorer
 
-    explorer = Explorer(opened, port)
-    typer.echo(f"{explorer.address} (Ctrl-C ends it)")
-    if show:
-        import webbrowser
+        explorer = Explorer(opened, port)
+        typer.echo(f"{explorer.address} (Ctrl-C ends it)")
+        if show:
+            import webbrowser
 
-        webbrowser.open(explorer.address)
-    explorer.wait()
+            webbrowser.open(explorer.address)
+        explorer.wait()
 
 
 def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
@@ -93,20 +113,22 @@ def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
     return nearest(cube, name, value)
 
 
-def draw_beside(cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None) -> None:
+def draw_beside(
+    tell: Printer, cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None
+) -> None:
     """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and print its path."""
     from dimersweep.plots import draw, write_picture
 
     marked = {"Keywords": PICTURE_MARK + cube.attrs["configuration_sha256"]}
     write_picture(draw(cube, kind, quantity=quantity), picture, force=True, metadata=marked)
-    typer.echo(f"picture: {picture}")
+    tell(f"picture: {picture}", picture=str(picture))
 
 
-def draw_if_it_can(cube: "xr.Dataset", picture: Path, *, force: bool) -> None:
+def draw_if_it_can(tell: Printer, cube: "xr.Dataset", picture: Path, *, force: bool) -> None:
     """Draw a cube that was just written: a picture that fails gives a warning, and the command still succeeds."""
     try:
         check_picture_of(cube.attrs["configuration_sha256"], picture, force=force)
-        draw_beside(cube, picture)
+        draw_beside(tell, cube, picture)
     except Exception as error:
         warnings.warn(f"{picture}: was not drawn ({error})", RuntimeWarning, stacklevel=2)
 
@@ -155,50 +177,54 @@ def _mark_in(picture: Path) -> str | None:
         return None
 
 
-def print_cube(cube: "xr.Dataset") -> None:
+def print_cube(tell: Printer, cube: "xr.Dataset") -> None:
     """The tally of modes, or of a search's answers and runs; for segments, the length of each row."""
     from dimersweep.cubes.cube import names
     from dimersweep.cubes.findings import drift_lengths, search_summary
     from dimersweep.storage.cubefiles import modes_in
 
-    if "observer_error" in cube:
-        _print_errors(cube["observer_error"])
+    if "observer_error" in cube:  # of one's own
+        errors = Counter(text.decode() for text in cube["observer_error"].values.ravel().tolist() if text)
+        tell(
+            *(f"status observer {count}: {text}" for text, count in errors.most_common()), observer_errors=dict(errors)
+        )
     if "answer" in cube:
-        typer.echo(search_summary(cube))
+        answers = Counter(names(cube["answer"]).values.ravel().tolist())
+        tell(search_summary(cube), answers=dict(answers), runs=int(cube["n_runs"].sum()))
         return
-    typer.echo(", ".join(f"{mode} {count}" for mode, count in modes_in(cube).items()))
+    modes = modes_in(cube)
+    tell(", ".join(f"{mode} {count}" for mode, count in modes.items()), modes=modes)
     if "confidence" in cube:
-        sure = Counter(names(cube["confidence"]).values.ravel().tolist())
-        typer.echo("modes that are " + ", ".join(f"{word} {count}" for word, count in sure.most_common()))
+        sure = dict(Counter(names(cube["confidence"]).values.ravel().tolist()).most_common())
+        tell("modes that are " + ", ".join(f"{word} {count}" for word, count in sure.items()), confidence=sure)
     if cube.sizes.get("direction", 0) > 1:
-        _print_loops(cube)
+        _print_loops(tell, cube)
     if cube.attrs.get("plot") != "segments" or "beta0" not in cube["mode"].dims or cube["mode"].squeeze().ndim > 2:
         return
     lengths = drift_lengths(cube)
-    name = str(lengths.dims[0])
-    units = PARAMETERS[name].units
-    for value, length in zip(lengths[name].values, lengths.values, strict=True):
-        typer.echo(f"{name} = {value:g} {units}: initial dip angles that drift make up {length:.4f} rad in all")
+    name, rows = str(lengths.dims[0]), []
+    for at, length in zip(lengths[lengths.dims[0]].values.tolist(), lengths.values.tolist(), strict=True):
+        tell(f"{given(name, at)}: initial dip angles that drift make up {length:.4f} rad in all")
+        rows.append({name: at, "length": length})
+    tell(drift_lengths=rows)
 
 
-def _print_errors(errors: "xr.DataArray") -> None:
-    """What an observer of one's own has raised, each with the number of points."""
-    told = Counter(text.decode() for text in errors.values.ravel().tolist() if text)
-    for text, count in told.most_common():
-        typer.echo(f"status observer {count}: {text}")
-
-
-def _print_loops(cube: "xr.Dataset") -> None:
+def _print_loops(tell: Printer, cube: "xr.Dataset") -> None:
     """Where going up and going down lead to different motions, a line for each loop."""
     from dimersweep.studies.loops import loops
-    from dimersweep.symbols import given
 
     found = loops(cube)
+    axis, rows = found.attrs["axis"], []
     for k in range(found.sizes["loop"]):
         loop = found.isel(loop=k)
-        where = ", ".join(given(str(name), loop[name].item()) for name in loop.data_vars if name in PARAMETERS)
+        at = {str(name): loop[name].item() for name in loop.data_vars if name in PARAMETERS}
+        where = ", ".join(given(name, value) for name, value in at.items())
         ends = " to ".join(_end(loop, which) for which in ("low", "high"))
-        typer.echo(f"{where + ': ' if where else ''}up and down differ from {found.attrs['axis']} = {ends}")
+        tell(f"{where + ': ' if where else ''}up and down differ from {axis} = {ends}")
+        rows.append(
+            at | {name: number_or_none(loop[name].item()) for name in ("low", "low_error", "high", "high_error")}
+        )
+    tell(loops=rows, loops_along=axis)
 
 
 def _end(loop: "xr.Dataset", which: str) -> str:

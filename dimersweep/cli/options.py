@@ -2,7 +2,8 @@
 
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from itertools import chain
 from pathlib import Path
 from shutil import get_terminal_size
 from textwrap import wrap
@@ -10,17 +11,26 @@ from typing import Annotated, Any
 
 import typer
 
-from dimersweep.symbols import BASE, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS
+from dimersweep.kernel.model.layout import WAVES
+from dimersweep.symbols import BASE, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, START, value_shown
+
+OUTPUT, RUN, DIMER, PLATE, START_OF, IMPERFECT = "Output", "Run", "Dimer", "Plate", "Start", "Imperfections"  # groups
 
 
-def argument(name: str, meaning: str) -> Any:
-    """What a command is given by its place."""
-    return typer.Argument(metavar=name, help=meaning)
+def argument(name: str, meaning: str, words: Callable[[], Iterable[str]] | None = None) -> Any:
+    """What a command is given by its place; a shell completes it to one of `words`."""
+    return typer.Argument(metavar=name, help=meaning, autocompletion=words and _completed(words))
 
 
-def option(meaning: str, *names: str, **how: Any) -> Any:
-    """An option, by default of the name of its parameter."""
-    return typer.Option(*names, help=meaning, **how)
+def option(
+    meaning: str, *names: str, group: str = RUN, words: Callable[[], Iterable[str]] | None = None, **how: Any
+) -> Any:
+    """An option, by default of the name of its parameter; a shell completes it to one of `words`."""
+    return typer.Option(*names, help=meaning, rich_help_panel=group, autocompletion=words and _completed(words), **how)
+
+
+def _completed(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    return lambda incomplete: [word for word in words() if word.startswith(incomplete)]
 
 
 def number_option(meaning: str, kind: type = float) -> Any:
@@ -36,7 +46,7 @@ def number_option(meaning: str, kind: type = float) -> Any:
     return option(meaning, parser=read, metavar=metavar)
 
 
-Force = Annotated[bool, option("Replace files that exist.", "--force")]
+Force = Annotated[bool, option("Replace files that exist.", "--force", group=OUTPUT)]
 Workers = Annotated[int | None, number_option("Threads; one for each core by default.", int)]
 Periods = Annotated[int | None, number_option("Forcing periods, in place of the declared ones.", int)]
 Rtol = Annotated[float | None, number_option("Accuracy, in place of the declared one.")]
@@ -52,8 +62,17 @@ def in_lines(text: str) -> str:
 
 def _by_default(name: str) -> str:
     """What a parameter is where it is left out: a number, or the name of another parameter."""
-    value = BASE.get(name, LEFT_OUT.get(name))
-    return value if isinstance(value, str) else f"{value:g}"
+    value = (BASE | LEFT_OUT)[name]
+    return value if isinstance(value, str) else value_shown(name, value)
+
+
+def _group_of(name: str) -> str:
+    """The group of options that a parameter stands in."""
+    if name in (*START, "phi0"):
+        return START_OF
+    if name in ("Gamma", "f", "g", "A_z", "v_z") or name in chain.from_iterable(chain(*WAVES)):
+        return PLATE
+    return IMPERFECT if name in LEFT_OUT else DIMER
 
 
 def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
@@ -65,12 +84,11 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
         either = quantity.units + {"rad": ", or 16deg", "m": ", or 2mm"}.get(quantity.units, "")
         units = "" if quantity.units == "1" else f" ({either})"
         meaning = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")
-        kind = Annotated[
-            Any, typer.Option(f"--{name}", help=meaning, parser=str, metavar="NUMBER", hidden=name in HIGHER)
-        ]
+        how: dict[str, Any] = {"group": _group_of(name), "parser": str, "metavar": "NUMBER", "hidden": name in HIGHER}
+        kind = Annotated[Any, option(meaning, f"--{name}", **how)]
         options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind))
     harmonics = Annotated[
-        Path | None, option("File of the plate's motion (TOML), in place of Gamma, phi0, Gamma_2, ...")
+        Path | None, option("File of the plate's motion (TOML), in place of Gamma, phi0, Gamma_2, ...", group=PLATE)
     ]
     options.append(inspect.Parameter("harmonics", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=harmonics))
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]

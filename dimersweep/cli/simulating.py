@@ -1,15 +1,13 @@
 """The command for one run."""
 
 from dataclasses import asdict
-from json import dumps
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import Force, in_lines, number_option, option, with_parameters
+from dimersweep.cli.options import OUTPUT, Force, in_lines, number_option, option, with_parameters
+from dimersweep.cli.printing import Printer, telling
 from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
 from dimersweep.runs.outcomes import Absent
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
@@ -18,17 +16,20 @@ if TYPE_CHECKING:
     from dimersweep.runs.run import Run
 
 
+@telling
 @with_parameters
 def simulate(
+    tell: Printer,
     *,
     periods: Annotated[int, number_option("Forcing periods to run.", int)] = 100,
     rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
-    plot: Annotated[Path | None, option("Picture of heights, orbit and phase portraits.")] = None,
-    movie: Annotated[Path | None, option("Movie of the last periods: .gif, .mp4 or .html (in 3D).")] = None,
-    save: Annotated[Path | None, option("File to keep the run in (NetCDF), for load_run.")] = None,
+    plot: Annotated[Path | None, option("Picture of heights, orbit and phase portraits.", group=OUTPUT)] = None,
+    movie: Annotated[
+        Path | None, option("Movie of the last periods: .gif, .mp4 or .html (in 3D).", group=OUTPUT)
+    ] = None,
+    save: Annotated[Path | None, option("File to keep the run in (NetCDF), for load_run.", group=OUTPUT)] = None,
     error: Annotated[bool, option("Print bounds on the errors too, from two more runs.", "--error")] = False,
     max_seconds: Annotated[float | None, number_option("Bound on the time of the run (s); none by default.")] = None,
-    json: Annotated[bool, option("Print JSON in place of the table.", "--json")] = False,
     force: Force = False,
     **parameters: Any,
 ) -> None:
@@ -57,7 +58,8 @@ def simulate(
     check_seconds(max_seconds)
     recorded = error or bool(plot or movie or save)
     with interruptible(save, plot, movie):
-        report_compiling()
+        if not tell.quiet:
+            report_compiling()
         from dimersweep.cubes.seen_run import meanings
         from dimersweep.runs.simulating import simulate
         from dimersweep.runs.solving import check_recorded
@@ -66,19 +68,19 @@ def simulate(
             check_recorded(periods, "--plot, --movie, --save and --error")
         run = simulate(**parameters, periods=periods, rtol=rtol, record=recorded, max_seconds=max_seconds)
         bounds = _bounds(run) if error else {}
-        if json:
-            typer.echo(dumps(_as_dict(run) | bounds, indent=1))
-        else:
-            typer.echo(in_lines(run.conditions()))
+        tell(in_lines(run.conditions()), **_as_dict(run), **bounds)
+        if tell.shown:
             _print_table(run, bounds)
-            for word, meaning in meanings(run).items():
-                typer.echo(in_lines(f"{word}: {meaning}"))
+        tell(*(in_lines(f"{word}: {meaning}") for word, meaning in meanings(run).items()))
         if save is not None:  # first: a movie may take long
             run.save(save, force=force)
+            tell(f"run: {save}", save=str(save))
         if plot is not None:
             run.plot(plot, force=force)
+            tell(f"picture: {plot}", plot=str(plot))
         if movie is not None:
             run.animate(movie, force=force)
+            tell(f"movie: {movie}", movie=str(movie))
 
 
 def _as_dict(run: "Run") -> dict[str, Any]:

@@ -7,12 +7,15 @@ import typer
 
 from dimersweep.cli.drawing import check_kind, check_picture_of, draw_if_it_can, print_cube
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import Force, Periods, Rtol, Workers, argument, option
+from dimersweep.cli.options import OUTPUT, Force, Periods, Rtol, Workers, argument, option
+from dimersweep.cli.printing import Printer, telling
+from dimersweep.studies.presets import find_declaration
+from dimersweep.studies.presets import presets as all_presets
 
 if TYPE_CHECKING:
     from dimersweep.studies.declared import Declaration
 
-PRESET = "Declaration of the sweep: a file, or a preset such as fig07."
+PRESET = "Declaration of the sweep: a file, or a preset such as fig07 (`dimersweep presets` has all)."
 
 Carry = Annotated[
     str | None,
@@ -22,13 +25,14 @@ Observe = Annotated[
     str | None,
     option("Observer of your own: what it makes of each run stands in the cube.", metavar="MODULE:NAME"),
 ]
-Declared = Annotated[Path | None, argument("SWEEP.toml", PRESET)]
+Declared = Annotated[Path | None, argument("SWEEP.toml", PRESET, words=all_presets)]
 
 
+@telling
 def run(
+    tell: Printer,
     declaration: Declared = None,
     *,
-    out: Annotated[Path | None, option("Cube to write, in place of the declared output.")] = None,
     source: Annotated[
         Path | None, option("Make this cube again, from the configuration in it.", "--from", metavar="CUBE")
     ] = None,
@@ -41,12 +45,13 @@ def run(
     extend: Annotated[Path | None, option("Take over the points this cube has.", metavar="CUBE")] = None,
     retry: Annotated[bool, option("Run points that failed again.", "--retry")] = False,
     fail_fast: Annotated[bool, option("Stop at the first point that fails.", "--fail-fast")] = False,
-    keep_tiles: Annotated[bool, option("Keep the store of finished points.", "--keep-tiles")] = False,
+    keep_tiles: Annotated[bool, option("Keep the store of finished points.", "--keep-tiles", group=OUTPUT)] = False,
     other_kernel: Annotated[bool, option("With --from: go on though numbers may differ.", "--other-kernel")] = False,
     certify: Annotated[bool, option("Say how sure each mode is; about 2.5 times the time.", "--certify")] = False,
     carry: Carry = None,
     observe: Observe = None,
-    plot: Annotated[bool, option("Draw the cube beside its file.")] = True,
+    out: Annotated[Path | None, option("Cube to write, in place of the declared output.", group=OUTPUT)] = None,
+    plot: Annotated[bool, option("Draw the cube beside its file.", group=OUTPUT)] = True,
     force: Force = False,
 ) -> None:
     """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
@@ -78,11 +83,12 @@ def run(
             fail_fast=fail_fast,
             force=force,
             keep_tiles=keep_tiles,
+            progress=not tell.quiet,
         )
-        print_cube(cube)
-        typer.echo(f"cube: {cube_file}")
+        print_cube(tell, cube)
+        tell(f"cube: {cube_file}", cube=str(cube_file))
         if plot:
-            draw_if_it_can(cube, picture, force=forced)
+            draw_if_it_can(tell, cube, picture, force=forced)
 
 
 def _declared(
@@ -94,7 +100,6 @@ def _declared(
     if declaration is None and out is None:
         raise typer.BadParameter("--from CUBE needs --out, the cube to write")
     from dimersweep.studies.declared import from_cube, read_declaration
-    from dimersweep.studies.presets import find_declaration
 
     if declaration is not None:
         return read_declaration(find_declaration(declaration))
@@ -110,8 +115,10 @@ def _here(observe: str | None) -> str | None:
     return observe
 
 
+@telling
 def plan(
-    declaration: Annotated[Path, argument("SWEEP.toml", PRESET)],
+    tell: Printer,
+    declaration: Annotated[Path, argument("SWEEP.toml", PRESET, words=all_presets)],
     *,
     workers: Workers = None,
     periods: Periods = None,
@@ -127,43 +134,60 @@ def plan(
     declared = _declared(declaration)
     study = declared.study(periods=periods, rtol=rtol, carry=carry, observe=_here(observe))
     threads = make_options(workers=workers).workers
-    report_compiling()
-    for line in plan(study, threads, Path(declared.sweep.output)).lines():
-        typer.echo(line)
+    if not tell.quiet:
+        report_compiling()
+    made = plan(study, threads, Path(declared.sweep.output))
+    tell(*made.lines(), **made.as_dict())
 
 
-def status(out: Annotated[Path, argument("CUBE", "Path of the cube that the sweep writes, finished or not.")]) -> None:
+@telling
+def status(
+    tell: Printer, out: Annotated[Path, argument("CUBE", "Path of the cube that the sweep writes, finished or not.")]
+) -> None:
     """Print how far the sweep for a cube has come, and whether a process is at work on it."""
-    from dimersweep.studies.status import status
+    from dimersweep.studies.status import status, status_lines
 
-    for line in status(out):
-        typer.echo(line)
+    told = status(out)
+    tell(*status_lines(told), **told)
 
 
+@telling
 def presets(
-    name: Annotated[str | None, argument("NAME", "Preset whose file is printed, to be changed.")] = None,
+    tell: Printer,
+    name: Annotated[
+        str | None, argument("NAME", "Preset whose file is printed, to be changed.", words=all_presets)
+    ] = None,
 ) -> None:
     """List the sweeps that come with the program, or print one of them."""
-
     from dimersweep.inputs import read_text, read_toml
-    from dimersweep.studies.presets import find_declaration
-    from dimersweep.studies.presets import presets as all_presets
 
+    known = all_presets() | {f"borders/{each}": path for each, path in all_presets("borders").items()}
     if name is not None:
-        typer.echo(read_text(find_declaration(Path(name))).rstrip())
+        text = read_text(known.get(name) or find_declaration(Path(name))).rstrip()
+        tell(text, name=name, text=text)
         return
-    known = all_presets()
     width = max(map(len, known), default=0)
     for each, path in known.items():
-        typer.echo(f"{each:{width}}  {read_toml(path)['sweep'].get('title', '')}")
+        read = read_toml(path)
+        title = read.get("sweep", read.get("borders", {})).get("title", "")
+        tell(f"{each:{width}}  {title}", **{each: title})
 
 
+@telling
 def borders(
-    declaration: Annotated[Path, argument("FILE", "Borders to make, such as sweeps/borders/atlas.toml.")],
+    tell: Printer,
+    declaration: Annotated[
+        Path,
+        argument(
+            "FILE",
+            "Declaration of borders: a file, or one that comes along, such as atlas.",
+            words=lambda: all_presets("borders"),
+        ),
+    ],
     *,
-    out: Annotated[Path | None, option("NetCDF file, in place of the declared one.")] = None,
-    picture: Annotated[Path | None, option("Picture; the output's name with .png by default.")] = None,
-    over: Annotated[Path | None, option("Map of regions to draw curves over.", metavar="CUBE")] = None,
+    out: Annotated[Path | None, option("NetCDF file, in place of the declared one.", group=OUTPUT)] = None,
+    picture: Annotated[Path | None, option("Picture; the output's name with .png by default.", group=OUTPUT)] = None,
+    over: Annotated[Path | None, option("Map of regions to draw curves over.", group=OUTPUT, metavar="CUBE")] = None,
     plan: Annotated[bool, option("Print the parts and which are there; make nothing.", "--plan")] = False,
     force: Force = False,
 ) -> None:
@@ -174,11 +198,11 @@ def borders(
     from dimersweep.studies.border_files import make_borders, parts_of, plan_borders, read_borders
     from dimersweep.work.progress import report_compiling
 
-    declared = read_borders(declaration)
+    declared = read_borders(find_declaration(declaration, "borders"))
     out = out or Path(declared.borders.output)
     if plan:
-        for line in plan_borders(declared, out):
-            typer.echo(line)
+        lines = plan_borders(declared, out)
+        tell(*lines, plan=lines)
         return
     check_output(out, force=force, what="a table", endings=TABLES)
     drawn = check_picture(picture or out.with_suffix(".png"), force=force, name="picture")
@@ -188,7 +212,9 @@ def borders(
     with interruptible(out, drawn, parts=parts_of(out)):
         from dimersweep.orbits.pictures import draw_borders
 
-        report_compiling()
-        table = make_borders(declared, out, force=force, tell=typer.echo)
+        if not tell.quiet:
+            report_compiling()
+        table = make_borders(declared, out, force=force, tell=tell)
         write_picture(draw_borders(table, under), drawn, force=force)
-        typer.echo(f"{out} and {drawn} in {table.attrs['wall_time_s']:.1f} s")
+        seconds = table.attrs["wall_time_s"]
+        tell(f"{out} and {drawn} in {seconds:.1f} s", table=str(out), picture=str(drawn), seconds=seconds)

@@ -65,11 +65,24 @@ class Plan:
         return self.study.line * max(1, length // self.study.line)
 
     @property
+    def size(self) -> int:
+        """Bytes of the cube before compression."""
+        cube = signed(self.study.template(), self.study.configuration())
+        return self.study.size * sum(variable.nbytes for variable in cube.data_vars.values())
+
+    @property
     def seconds(self) -> tuple[float, float]:
         """Estimate of the time left, and its standard error from the spread of the sample [s]."""
         share = (1 - self.done / self.to_run) / self.workers
         time, error = self._total(self.times)
         return share * time, share * error
+
+    def as_dict(self) -> dict[str, float]:
+        """The plan in numbers, those of time in seconds."""
+        left, (seconds, error) = self.to_run - self.done, self.seconds
+        tiles = {"tiles": ceil(left / self.tile_points), "tile_points": self.tile_points}
+        times = {"seconds": seconds, "seconds_error": error, "sample_seconds": float(self.times.mean())}
+        return {"points": self.to_run, "done": self.done, "bytes": self.size, "workers": self.workers} | tiles | times
 
     def lines(self) -> list[str]:
         """The plan in words."""
@@ -79,13 +92,12 @@ class Plan:
             spread = self._total(self.points)[1]
             points = f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {size}"
         done = f", {self.done} of them done" if self.done else ""
-        cube = signed(self.study.template(), self.study.configuration())
         doubt = format_time(error) if isfinite(error) else "any time"
         low, middle, high = (format_time(float(value)) for value in np.quantile(self.times, (0, 0.5, 1)))
         return [
             f"points: {points}{done}",
             f"tiles: {ceil(left / self.tile_points)} of {self.tile_points} points",
-            f"cube: {format_bytes(size * sum(variable.nbytes for variable in cube.data_vars.values()))} before compression",
+            f"cube: {format_bytes(self.size)} before compression",
             f"time: {format_time(seconds)} on {self.workers} threads, give or take {doubt} (standard error)",
             f"sample: {self.times.size} {self.sample.unit}, {format_time(float(self.times.mean()))} each on average "
             f"(shortest {low}, median {middle}, longest {high})",

@@ -8,17 +8,17 @@ _HERE = Path(__file__).parents[1]
 FOLDERS = (_HERE / "presets", _HERE.parent / "sweeps")  # of an installed package, and of a copy of the repository
 
 
-def presets() -> dict[str, Path]:
-    """The files of all presets, by their names."""
+def presets(kind: str = "") -> dict[str, Path]:
+    """The files of all presets, by their names; of declarations of borders with "borders"."""
     for folder in FOLDERS:
-        found = {path.stem: path for path in sorted(folder.glob("*.toml"))}
+        found = {path.stem: path for path in sorted((folder / kind).glob("*.toml"))}
         if found:
             return found
     return {}
 
 
-def find_declaration(given: Path) -> Path:
-    """The file that is meant by `given`: a path, or the name of a preset.
+def find_declaration(given: Path, kind: str = "") -> Path:
+    """The file that is meant by `given`: a path, or the name of a preset of that kind, see `presets`.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def find_declaration(given: Path) -> Path:
     """
     if given.exists() or given.suffix or given.parent != Path():
         return given
-    known = presets()
+    known = presets(kind)
     if given.name not in known:
         raise ParameterError(unknown(given.name, "preset, and no file", known))
     return known[given.name]

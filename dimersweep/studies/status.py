@@ -4,6 +4,7 @@ import os
 from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from dimersweep.errors import StoreError
 from dimersweep.storage.cubefiles import count_modes
@@ -12,13 +13,19 @@ from dimersweep.storage.tilestore import modes_of, tiles_of, words_for
 from dimersweep.work.progress import clock
 
 
-def status(path: Path) -> list[str]:
-    """What is done of the sweep for the cube `path`, in lines; nothing is changed.
+def status(path: Path) -> dict[str, Any]:
+    """What is done of the sweep for the cube `path`; nothing is changed.
 
     Parameters
     ----------
     path : Path
         The cube to be, or the store of its finished points.
+
+    Returns
+    -------
+    dict
+        `cube`; `written`, whether it is there; how much is `done` in words, and as a `share`; the finished points by `modes`;
+        while there is a store: the time of the `last_tile`, the `damaged` store, and who is `at_work`, empty without one.
 
     Raises
     ------
@@ -30,14 +37,15 @@ def status(path: Path) -> list[str]:
         raise StoreError(f"{out}: is no cube")
     if os.path.lexists(tiles_of(out)):
         with looked_at(tiles_of(out)) as store:
-            return _of_tiles(out, store)
+            return {"cube": str(out), "written": out.exists(), **_of_tiles(store)}
     if os.path.exists(out):
-        tally = Counter(count_modes(out))
-        return [f"{out}: complete, {tally.total()} points", f"modes: {_words(tally)}"]
+        modes = count_modes(out)
+        done = f"complete, {sum(modes.values())} points"
+        return {"cube": str(out), "written": True, "done": done, "share": 1.0, "modes": modes}
     raise StoreError(f"{out}: no such cube, and no sweep for it (there is no {tiles_of(out)})")
 
 
-def _of_tiles(out: Path, store: Store) -> list[str]:
+def _of_tiles(store: Store) -> dict[str, Any]:
     tally: Counter[str] = Counter()
     last, unreadable, wanted = "", 0, store.about["wanted"]
     for row in store.summaries():
@@ -50,24 +58,33 @@ def _of_tiles(out: Path, store: Store) -> list[str]:
             tally, last = tally + modes, max(last, at.isoformat())
         unreadable += not sound
     done = tally.total()
-    lines = [f"{out}: {words_for(store, done)} done ({100 * done // wanted} %)"]
-    if done:
-        lines += [f"modes: {_words(tally)}", f"last tile: {_ago(last)}"]
-    lines.append(f"failed: {tally['failed']} points")
-    if unreadable or store.is_cut:
-        lines.append(f"{store.path}: is damaged; what is lost will be computed again")
-    who = holder(store.path)
-    if done == wanted and not who:
-        lines.append("cube: is written" if out.exists() else "cube: is still to be written; run the same sweep again")
+    words = f"{words_for(store, done)} done ({100 * done // wanted} %)"
+    damaged = str(store.path) if unreadable or store.is_cut else ""
+    told = {"done": words, "share": done / wanted, "modes": dict(tally.most_common())}
+    return told | {"last_tile": last, "damaged": damaged, "at_work": holder(store.path) or ""}
+
+
+def status_lines(told: dict[str, Any]) -> list[str]:
+    """A status in lines of text."""
+    lines, modes = [f"{told['cube']}: {told['done']}"], told["modes"]
+    if modes:
+        lines.append("modes: " + ", ".join(f"{mode} {count}" for mode, count in modes.items()))
+    if "at_work" not in told:
+        return lines
+    if told["last_tile"]:
+        lines.append(f"last tile: {_ago(told['last_tile'])}")
+    lines.append(f"failed: {modes.get('failed', 0)} points")
+    if told["damaged"]:
+        lines.append(f"{told['damaged']}: is damaged; what is lost will be computed again")
+    if told["share"] == 1 and not told["at_work"]:
+        lines.append(
+            "cube: is written" if told["written"] else "cube: is still to be written; run the same sweep again"
+        )
     else:
-        lines.append(f"at work: {who}" if who else "at work: nobody; run the same sweep again to go on")
+        lines.append(f"at work: {told['at_work'] or 'nobody; run the same sweep again to go on'}")
     return lines
 
 
 def _ago(time: str) -> str:
     seconds = (datetime.now(UTC) - datetime.fromisoformat(time)).total_seconds()
     return f"{clock(seconds)} ago" if seconds >= 0 else f"{time}, by a clock that has been set back since"
-
-
-def _words(tally: Counter[str]) -> str:
-    return ", ".join(f"{mode} {count}" for mode, count in tally.most_common())

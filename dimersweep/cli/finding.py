@@ -1,0 +1,162 @@
+"""The commands for the orbits of one dimer, and for the motions that many starts come to."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dimersweep.cli.interrupting import interruptible
+from dimersweep.cli.options import OUTPUT, Force, Workers, argument, number_option, option, with_parameters
+from dimersweep.cli.printing import Printer, telling
+from dimersweep.symbols import PARAMETERS
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+OF_CIRCLES = ("kind", "spin", "radius", "period", "zeta", "speed", "attracts", "slow_time")
+OF_ORBITS = ("spin", "radius", "period", "zeta", "speed", "stable", "sequence")
+OF_POINTS = ("special", "change", "spin", "radius", "period", "stable")
+OF_ATTRACTORS = ("attractor", "mode", "share", "share_low", "share_high", "periods", "stable", "radius", "spin")
+OF_FATES = ("fate", "spin_low", "spin_high")
+
+Table = Annotated[Path | None, option("File to keep the result in (NetCDF).", group=OUTPUT)]
+Drawn = Annotated[Path | None, option("Picture of it.", group=OUTPUT)]
+
+
+@telling
+@with_parameters
+def orbits(
+    tell: Printer,
+    *,
+    spin: Annotated[
+        float | None, number_option("Axial spin (rad/s), of which the orbit is found; else the circles that last.")
+    ] = None,
+    follow: Annotated[
+        str | None, option("Follow that orbit in a parameter to a value, such as Gamma=1.3.", metavar="NAME=VALUE")
+    ] = None,
+    out: Table = None,
+    plot: Drawn = None,
+    force: Force = False,
+    **parameters: Any,
+) -> None:
+    """Print the circles that a dimer can walk for good, or the orbit of a spin, or what becomes of it over a parameter."""
+    if spin is None and (follow is not None or plot is not None):
+        raise typer.BadParameter("--follow and --plot need --spin, that of the orbit")
+    name, _, to = (follow or "").partition("=")
+    _check_files(out, plot, force=force)
+    given = {each: value for each, value in parameters.items() if value is not None}
+    with interruptible(out, plot):
+        _start(tell)
+        from dimersweep import orbits as found
+
+        if spin is None:
+            circles = found.sustained(**given)
+            tell.rows("circles", OF_CIRCLES, _rows(circles, OF_CIRCLES))
+            return _keep(tell, circles, out, None, force=force)
+        orbit = found.find(spin=spin, **given)
+        tell.rows(
+            "orbits", OF_ORBITS, [tuple(getattr(one, each) for each in OF_ORBITS) for one in (orbit, *orbit.others)]
+        )
+        if follow is None:
+            return None
+        branch = found.follow(orbit, name, to=to)
+        special = branch.isel(point=branch["special"].values != "")
+        tell.rows("special_points", (name, *OF_POINTS), _rows(special, (name, *OF_POINTS)))
+        tell(branch.attrs["end"], end=branch.attrs["end"])
+        return _keep(tell, branch, out, plot, force=force)
+
+
+@telling
+@with_parameters
+def attractors(
+    tell: Printer,
+    ranges: Annotated[list[str], argument("NAME=LOW:HIGH...", "Ranges of a start, such as beta0=1deg:89deg.")],
+    *,
+    starts: Annotated[int, number_option("Starts that are drawn.", int)] = 1000,
+    seed: Annotated[int, number_option("Of the draw.", int)] = 0,
+    over: Annotated[
+        str | None, option("A parameter over which they are followed.", metavar="NAME=START:STOP:STEP")
+    ] = None,
+    slow: Annotated[bool, option("Tell starts apart by where their spin comes to in the end.", "--slow")] = False,
+    periods: Annotated[int, number_option("Forcing periods of each run at most.", int)] = 1000,
+    rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
+    workers: Workers = None,
+    out: Table = None,
+    plot: Drawn = None,
+    force: Force = False,
+    **parameters: Any,
+) -> None:
+    """Print which motions there are, and the share of drawn starts that comes to each."""
+    _check_files(out, plot, force=force)
+    fixed = {each: value for each, value in parameters.items() if value is not None}
+    drawn = dict(_parted(each, 2) for each in ranges)
+    name, values = _parted(over, 3) if over else ("", [])
+    with interruptible(out, plot):
+        _start(tell)
+        from dimersweep.studies.attractors import attractors
+
+        found = attractors(
+            drawn,
+            fixed,
+            starts=starts,
+            seed=seed,
+            over={name: dict(zip(("start", "stop", "step"), values, strict=True))} if over else None,
+            slow=slow,
+            periods=periods,
+            rtol=rtol,
+            workers=workers,
+            progress=not tell.quiet,
+        )
+        heads = (*([name] if over else ()), *OF_ATTRACTORS, *(OF_FATES if slow else ()))
+        tell.rows("attractors", heads, _rows(found, heads))
+        _keep(tell, found, out, plot, force=force)
+
+
+def _check_files(out: Path | None, plot: Path | None, *, force: bool) -> None:
+    """Refuse files that could not be written."""
+    from dimersweep.plots import check_picture
+    from dimersweep.storage.outputs import TABLES, check_output
+
+    if out is not None:
+        check_output(out, force=force, what="a table", endings=TABLES)
+    if plot is not None:
+        check_picture(plot, force=force, name="plot")
+
+
+def _start(tell: Printer) -> None:
+    from dimersweep.work.progress import report_compiling
+
+    if not tell.quiet:
+        report_compiling()
+
+
+def _parted(text: str, count: int) -> tuple[str, list[Any]]:
+    """The name and the values in a text such as Gamma=0.8:1:0.05."""
+    name, _, values = text.partition("=")
+    parts = values.split(":")
+    if name not in PARAMETERS or len(parts) != count:
+        ways = {2: "NAME=LOW:HIGH, such as beta0=1deg:89deg", 3: "NAME=START:STOP:STEP, such as Gamma=0.8:1:0.05"}
+        raise typer.BadParameter(f"{text!r}: must be {ways[count]}")
+    return name, parts
+
+
+def _rows(table: "xr.Dataset", heads: tuple[str, ...]) -> list[tuple[Any, ...]]:
+    """The rows of columns of a table, with words in place of flags, and nothing where there is no number."""
+    from dimersweep.cubes.cube import names
+
+    columns = table[[*heads]]
+    words = {each: names(columns[each]) for each in heads if "flag_meanings" in columns[each].attrs}
+    frame = columns.assign(words).to_dataframe().reset_index()[[*heads]]
+    return [tuple(None if cell != cell else cell for cell in row) for row in frame.itertuples(index=False)]
+
+
+def _keep(tell: Printer, table: "xr.Dataset", out: Path | None, plot: Path | None, *, force: bool) -> None:
+    """Write a result and its picture, where they were asked for."""
+    if out is not None:
+        from dimersweep.storage.cubefiles import write_cube
+
+        write_cube(table, out, force=force)
+        tell(f"table: {out}", table=str(out))
+    if plot is not None:
+        table.dimersweep.plot(path=plot, force=force)
+        tell(f"picture: {plot}", picture=str(plot))

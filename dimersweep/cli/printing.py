@@ -1,0 +1,86 @@
+"""What commands print: lines for people, one JSON object for programs, or nothing."""
+
+import inspect
+from collections.abc import Callable
+from functools import wraps
+from math import isfinite
+from typing import Annotated, Any
+
+import typer
+
+from dimersweep.cli.interrupting import interruptible
+from dimersweep.cli.options import OUTPUT, option
+
+
+def number_or_none(value: float) -> float | None:
+    """A number as JSON can hold it, which has no NaN and no infinity."""
+    return value if isfinite(value) else None
+
+
+class Printer:
+    """What a command prints with: lines as they come, or at its end what it was told, as JSON.
+
+    Parameters
+    ----------
+    json, quiet : bool
+        As typed. Errors and warnings are not of it: they go to stderr.
+    """
+
+    def __init__(self, json: bool, quiet: bool) -> None:
+        self.json, self.quiet, self.told = json, quiet, dict[str, Any]()
+
+    def __call__(self, *lines: str, **values: Any) -> None:
+        """Print lines, of which `values` are the same for a program."""
+        for line in lines if self.shown else ():
+            typer.echo(line)
+        self.told |= values
+
+    @property
+    def shown(self) -> bool:
+        """Whether lines are printed."""
+        return not (self.json or self.quiet)
+
+    def rows(self, name: str, heads: tuple[str, ...], rows: list[tuple[Any, ...]]) -> None:
+        """Print a table: its rows are objects for a program, an empty cell null."""
+        from rich.console import Console
+        from rich.table import Table
+
+        self.told[name] = [dict(zip(heads, row, strict=True)) for row in rows]
+        if self.shown:
+            table = Table(*heads)
+            for row in rows:
+                cells = ("" if cell is None else cell for cell in row)
+                table.add_row(*(f"{cell:.8g}" if isinstance(cell, float) else str(cell) for cell in cells))
+            Console().print(table)
+
+    def end(self) -> None:
+        """Print what was told, if it was to be JSON."""
+        if self.json:
+            from json import dumps
+
+            typer.echo(dumps(self.told, indent=1))
+
+
+def telling(command: Callable[..., None]) -> Callable[..., None]:
+    """`command`, which is given a `Printer` first, with the options --json and --quiet; a signal ends it with one line."""
+    signature = inspect.signature(command)
+    mine = {
+        "json": option("Print JSON.", "--json", group=OUTPUT),
+        "quiet": option("Print nothing.", "--quiet", group=OUTPUT),
+    }
+    options = [
+        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, each])
+        for name, each in mine.items()
+    ]
+
+    @wraps(command)
+    def told(*arguments: Any, json: bool, quiet: bool, **given: Any) -> None:
+        tell = Printer(json, quiet)
+        with interruptible():
+            command(tell, *arguments, **given)
+        tell.end()
+
+    parameters = [*list(signature.parameters.values())[1:], *options]
+    told.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    told.__annotations__ = {each.name: each.annotation for each in parameters}
+    return told
