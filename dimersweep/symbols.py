@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from math import degrees, inf, isclose, pi
-from typing import Literal
+from typing import Literal, get_args
 
 from dimersweep.kernel.model.layout import (
     CODE_COLUMNS,
@@ -375,3 +375,4 @@ Picture = Literal[
     "bifurcation",
     "circles",
 ]
+PICTURE_KINDS = get_args(Picture)

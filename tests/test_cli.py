@@ -325,12 +325,14 @@ def interrupted_in(call, monkeypatch):
 COMMANDS = {
     "simulate": (["--periods", "3"], ["parameters.Parameters", "runs.simulating.simulate"]),
     "run": (["small.toml"], ["studies.declared.read_declaration", "studies.making.make_cube"]),
-    "presets": ([], ["studies.presets.presets"]),
+    "presets": ([], ["cli.sweeping.all_presets"]),
     "plan": (["small.toml"], ["studies.declared.read_declaration", "studies.planning.plan"]),
     "status": (["absent.nc"], ["studies.status.status"]),
-    "plot": (["absent.nc"], ["plots.check_picture", "storage.cubefiles.open_cube"]),
+    "plot": (["absent.nc", "--out", "a.png"], ["plots.check_picture", "storage.cubefiles.open_cube"]),
     "explore": (["absent.nc"], ["storage.cubefiles.open_cube"]),
     "borders": (["small.toml"], ["studies.border_files.read_borders"]),
+    "orbits": ([], ["orbits.sustained"]),
+    "attractors": (["beta0=0.1:0.5"], ["studies.attractors.attractors"]),
 }
 
 
@@ -661,7 +663,8 @@ def test_a_title_may_be_left_out_and_a_fixed_angle_be_in_degrees(done, fake_kern
 
 def test_presets_are_listed_printed_and_run(call, done, refused, fake_kernel):
     out, _, _ = call("presets")
-    assert {path.stem for path in (ROOT / "sweeps").glob("*.toml")} == {line.split()[0] for line in out.splitlines()}
+    names = {str(path.relative_to(ROOT / "sweeps").with_suffix("")) for path in (ROOT / "sweeps").rglob("*.toml")}
+    assert {line.split()[0] for line in out.splitlines()} == names
     assert any(line.startswith("fig08 ") and "Regions of the e-Gamma plane" in line for line in out.splitlines())
     assert call("presets", "fig07-small")[0].strip() == SMALL.strip()
     done("run", "fig07-small", "--no-plot")
@@ -749,7 +752,8 @@ def test_a_number_of_periods_beyond_any_run_is_refused(refused, command):
 @pytest.mark.parametrize("path", sorted((ROOT / "sweeps").glob("*.toml")), ids=lambda path: path.stem)
 def test_every_dataset_has_a_plan(call, fake_kernel, monkeypatch, path):
     monkeypatch.setattr("dimersweep.studies.planning.MOST_PARTS", 1)
-    monkeypatch.setattr("dimersweep.studies.observers.Paths.observe", lambda *given: None)
+    for slow in ("Paths", "Sustained"):
+        monkeypatch.setattr(f"dimersweep.studies.observers.{slow}.observe", lambda *given: None)
     out, err, code = call("plan", str(path))
     assert (code, err) == (0, "")
     assert [line.split(":")[0] for line in out.splitlines()] == ["points", "tiles", "cube", "time", "sample"]

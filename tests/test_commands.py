@@ -11,9 +11,8 @@ from typer.testing import CliRunner
 
 import dimersweep
 from dimersweep import cli, orbits
-from dimersweep.plots.checking import PICTURE_KINDS
 from dimersweep.studies.presets import presets
-from dimersweep.symbols import HIGHER, INSTEAD, PARAMETERS, QUANTITIES
+from dimersweep.symbols import HIGHER, INSTEAD, PARAMETERS, PICTURE_KINDS, QUANTITIES
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = [one.callback.__name__ for one in cli.app.registered_commands if not one.hidden]

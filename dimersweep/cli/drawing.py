@@ -4,7 +4,7 @@ import warnings
 from collections import Counter
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,11 +12,10 @@ from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Force, argument, number_option, option
 from dimersweep.cli.printing import Printer, number_or_none, telling
 from dimersweep.errors import ParameterError, unknown
-from dimersweep.symbols import ORBIT_NAMES, PARAMETERS, QUANTITIES, Picture, given
+from dimersweep.symbols import ORBIT_NAMES, PARAMETERS, PICTURE_KINDS, QUANTITIES, given
 
 PICTURE_MARK = "dimersweep cube, configuration sha256 "  # in a picture, before that of the cube it was drawn from
 LAST_PORT = 65535
-PICTURE_KINDS = get_args(Picture)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,6 +59,8 @@ def plot(
 
     if not cube.name:
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
+    if out is not None:
+        check_picture(out, force=True)  # whether it is a picture, before a large cube is read
     opened = open_cube(cube)
     if quantity is not None and quantity not in opened:
         raise ParameterError(f"quantity: {unknown(quantity, 'variable of the cube', map(str, opened.data_vars))}")

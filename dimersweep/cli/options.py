@@ -14,7 +14,7 @@ import typer
 from dimersweep.kernel.model.layout import WAVES
 from dimersweep.symbols import BASE, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, START, value_shown
 
-OUTPUT, RUN, DIMER, PLATE, START_OF, IMPERFECT = "Output", "Run", "Dimer", "Plate", "Start", "Imperfections"  # groups
+OUTPUT, RUN = "Output", "Run"  # groups of options, beside those of `_group_of`
 
 
 def argument(name: str, meaning: str, words: Callable[[], Iterable[str]] | None = None) -> Any:
@@ -69,10 +69,10 @@ def _by_default(name: str) -> str:
 def _group_of(name: str) -> str:
     """The group of options that a parameter stands in."""
     if name in (*START, "phi0"):
-        return START_OF
+        return "Start"
     if name in ("Gamma", "f", "g", "A_z", "v_z") or name in chain.from_iterable(chain(*WAVES)):
-        return PLATE
-    return IMPERFECT if name in LEFT_OUT else DIMER
+        return "Plate"
+    return "Imperfections" if name in LEFT_OUT else "Dimer"
 
 
 def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
@@ -88,7 +88,7 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
         kind = Annotated[Any, option(meaning, f"--{name}", **how)]
         options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind))
     harmonics = Annotated[
-        Path | None, option("File of the plate's motion (TOML), in place of Gamma, phi0, Gamma_2, ...", group=PLATE)
+        Path | None, option("File of the plate's motion (TOML), in place of Gamma, phi0, Gamma_2, ...", group="Plate")
     ]
     options.append(inspect.Parameter("harmonics", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=harmonics))
     command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]

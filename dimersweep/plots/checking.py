@@ -1,16 +1,14 @@
 """What each kind of picture needs of a cube, known before the cube is: its axes, and what was asked."""
 
 from collections.abc import Collection, Mapping
-from typing import get_args
 
 import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import check_codes
 from dimersweep.errors import ParameterError
-from dimersweep.symbols import PARAMETERS, Picture
+from dimersweep.symbols import PARAMETERS, PICTURE_KINDS
 
-PICTURE_KINDS = get_args(Picture)
 AXES = {  # kinds that need just these axes of more than one value
     "trends": ("A_r", "f"),
     "minimum": ("A_r", "xdot0"),
