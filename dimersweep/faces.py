@@ -1,6 +1,5 @@
 """What the faces of the package and of its rooms share: the version, and names that are loaded when they are asked for."""
 
-import warnings
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
@@ -15,18 +14,5 @@ def reachable(room: str, *modules: str) -> Callable[[str], Any]:
         if name not in modules:
             raise AttributeError(f"module {room!r} has no attribute {name!r}")
         return import_module(f"{room}.{name}")
-
-    return load
-
-
-def former(module: str, *names: str) -> Callable[[str], Any]:
-    """A `__getattr__` for a module whose public names are those of the package now; they warn for one release."""
-
-    def load(name: str) -> Any:
-        if name not in names:
-            raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        told = f"{module}.{name} is dimersweep.{name} now; the former name goes with the next release"
-        warnings.warn(told, DeprecationWarning, stacklevel=2)
-        return getattr(import_module("dimersweep"), name)
 
     return load

@@ -339,7 +339,7 @@ COMMANDS = {
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_every_command_in_one_way(call, monkeypatch, number):
     """Wherever it is, with one line and the exit code that a shell expects of that signal."""
-    assert COMMANDS.keys() == {one.callback.__name__ for one in cli.app.registered_commands if not one.hidden}
+    assert COMMANDS.keys() == {one.callback.__name__ for one in cli.app.registered_commands}
     exit_plainly(monkeypatch)
     word = "interrupted" if number == signal.SIGINT else "terminated"
     for name, (arguments, places) in COMMANDS.items():

@@ -15,7 +15,7 @@ from dimersweep.studies.presets import presets
 from dimersweep.symbols import HIGHER, INSTEAD, PARAMETERS, PICTURE_KINDS, QUANTITIES
 
 ROOT = Path(__file__).parents[1]
-COMMANDS = [one.callback.__name__ for one in cli.app.registered_commands if not one.hidden]
+COMMANDS = [one.callback.__name__ for one in cli.app.registered_commands]
 DIMER = ["--e", "0.65", "--f", "22", "--A_r", "5", "--mu", "0.1", "--mu_s", "0.15"]
 
 

@@ -231,8 +231,8 @@ for names in (*([name] for name in sys.argv[1:]), sys.argv[:0:-1]):
 """
     first = {name.rpartition(".")[0]: name for name in PAGES_OF_NAMES if "." in name and name[0].islower()}
     assert {"orbits", "plots"} <= first.keys()
-    former = ("cubes.reading.exponents", "errors.PointError", "runs.outcome.Orbit", "studies.datasets.make")
-    first |= {name.rpartition(".")[0]: name for name in former}
+    inside = ("cubes.findings.exponents", "errors.PointError", "runs.outcomes.Orbit", "studies.declared.make")
+    first |= {name.rpartition(".")[0]: name for name in inside}
     told = {"capture_output": True, "text": True, "cwd": ROOT}
     done = subprocess.run([sys.executable, "-c", program, *first.values()], check=False, **told)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import threading
 import tomllib
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -82,19 +81,6 @@ def test_all_that_is_kept_here_is_shipped_in_the_source_distribution():
     # a folder that a link shows twice is packed once, unless it is asked for by name
     links = [ROOT / name for name in listed if (ROOT / name).is_symlink()]
     assert {str(link.resolve().relative_to(ROOT)) for link in links} == set(builds["force-include"])
-
-
-def test_former_places_of_public_names_warn_and_give_them():
-    for place, name in (
-        ("cubes.reading", "exponents"),
-        ("runs.stability", "multipliers"),
-        ("studies.datasets", "make"),
-    ):
-        module = import_module(f"dimersweep.{place}")
-        with pytest.warns(
-            DeprecationWarning, match=f"dimersweep.{name} now; the former name goes with the next release"
-        ):
-            assert getattr(module, name) is getattr(dimersweep, name)
 
 
 def test_the_grid_of_a_sweep_makes_few_stays(fake_kernel, monkeypatch, tmp_path):

@@ -15,7 +15,7 @@ from dimersweep.cli.drawing import explore, plot
 from dimersweep.cli.finding import attractors, orbits
 from dimersweep.cli.simulating import simulate
 from dimersweep.cli.sweeping import borders, plan, presets, run, status
-from dimersweep.errors import ParameterError, UserError, unknown
+from dimersweep.errors import UserError, unknown
 
 INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
 
@@ -66,12 +66,6 @@ EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
 for command, examples in EXAMPLES.items():
     shown = "\n\n".join(f"dimersweep {each}" for each in examples)
     app.command(cls=_Command, epilog=f"Examples:\n\n{shown}")(command)
-
-
-@app.command(hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
-def claims() -> None:
-    """Say where the former command is."""
-    raise ParameterError("claims: is no command any more; run python benchmarks/evidence/claims.py in the repository")
 
 
 def _show_version(wanted: bool) -> None:

@@ -2,4 +2,4 @@
 
 from dimersweep.faces import reachable
 
-__getattr__ = reachable(__name__, "findings", "reading")
+__getattr__ = reachable(__name__, "findings")

@@ -2,4 +2,4 @@
 
 from dimersweep.faces import reachable
 
-__getattr__ = reachable(__name__, "datasets", "declaration", "declared")
+__getattr__ = reachable(__name__, "declared")
