@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.tables import column, fixed_coordinates
 from dimersweep.inputs import check_count
-from dimersweep.kernel.model.layout import State
+from dimersweep.kernel.model.layout import DI_ENDS, State
 from dimersweep.orbits.manifold import SlowMotion, multipliers_of, slow_motion_at
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, strike_of
@@ -253,7 +254,24 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
 
 # --- orbits as labelled data -----------------------------------------------------------------------------------------
 
-Column = tuple[Any, Quantity | str]  # entries, one an orbit or a row of numbers, and what they are
+
+class Column(NamedTuple):
+    """A column of a table of orbits.
+
+    Attributes
+    ----------
+    entries : list
+        One an orbit, or a row of numbers.
+    said : Quantity or str
+        What they are.
+    words : sequence of str
+        All that they may be, if they are words of a fixed set.
+    """
+
+    entries: Any
+    said: Quantity | str
+    words: Sequence[str] = ()
+
 
 MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
 COLUMNS = {
@@ -270,6 +288,7 @@ TEXTS = {
     "di_end": QUANTITIES["di_end"],
     "word": Quantity("1", "sequence of contact states"),
 }
+WORDS = {"di_end": DI_ENDS}
 ATTRIBUTE_OF = {"word": "sequence"}  # attributes of an orbit whose columns have other names, those of former files
 DOUBLING = Quantity("1", "coefficient of the flip: a stable orbit of twice the period begins where it is positive")
 MULTIPLIERS = {
@@ -292,22 +311,18 @@ def multiplier_columns(dims: Sequence[str], rows: np.ndarray) -> dict[str, xr.Va
 
 
 def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Mapping[str, Column] = {}) -> xr.Dataset:
-    """The attributes of orbits along `dim`, and `more` columns; parameters that all share are attributes of the dataset."""
+    """The attributes of orbits along `dim`, and `more` columns; parameters that all share are scalar coordinates."""
     columns = {
-        name: ([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said)
+        name: Column([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said, WORDS.get(name, ()))
         for name, said in (COLUMNS | TEXTS).items()
     }
     table = xr.Dataset()
-    for name, (entries, said) in (columns | dict(more)).items():
+    for name, (entries, said, words) in (columns | dict(more)).items():
         values = np.array(entries, dtype=float if name in COLUMNS else None)
-        if isinstance(said, str):
-            attributes = {"long_name": said} if values.dtype.kind == "U" else {"units": "1", "long_name": said}
-        else:
-            attributes = said.attributes()
-        table[name] = ((dim, "number")[: values.ndim], values, attributes)
+        table[name] = column((dim, "number")[: values.ndim], values, said, words)
     rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
     table = table.assign(multiplier_columns((dim, "multiplier"), rows))
-    if orbits:
-        first = orbits[0].parameters
-        table.attrs = {k: v for k, v in first.items() if all(orbit.parameters.get(k) == v for orbit in orbits)}
-    return table
+    shared = dict(orbits[0].parameters) if orbits else {}
+    for orbit in orbits:
+        shared = {name: value for name, value in shared.items() if orbit.parameters.get(name) == value}
+    return table.assign_coords(fixed_coordinates({name: shared[name] for name in shared if name not in table}))
