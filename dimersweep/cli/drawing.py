@@ -218,7 +218,7 @@ def _print_loops(tell: Printer, cube: "xr.Dataset") -> None:
     axis, rows = found.attrs["axis"], []
     for k in range(found.sizes["loop"]):
         loop = found.isel(loop=k)
-        at = {str(name): loop[name].item() for name in loop.data_vars if name in PARAMETERS}
+        at = {str(name): loop[name].item() for name in loop.coords if name in PARAMETERS and found[name].ndim}
         where = ", ".join(given(name, value) for name, value in at.items())
         ends = " to ".join(_end(loop, which) for which in ("low", "high"))
         tell(f"{where + ': ' if where else ''}up and down differ from {axis} = {ends}")

@@ -42,7 +42,8 @@ def orbits(
     """Print the circles that a dimer can walk for good, or the orbit of a spin, or what becomes of it over a parameter."""
     if spin is None and (follow is not None or plot is not None):
         raise typer.BadParameter("--follow and --plot need --spin, that of the orbit")
-    name, _, to = (follow or "").partition("=")
+    if spin is not None and follow is None and out is not None:
+        raise typer.BadParameter("--out needs --follow, or no --spin: one orbit is no table")
     _check_files(out, plot, force=force)
     given = {each: value for each, value in parameters.items() if value is not None}
     with interruptible(out, plot):
@@ -54,13 +55,13 @@ def orbits(
             tell.rows("circles", OF_CIRCLES, _rows(circles, OF_CIRCLES))
             return _keep(tell, circles, out, None, force=force)
         orbit = found.find(spin=spin, **given)
-        tell.rows(
-            "orbits", OF_ORBITS, [tuple(getattr(one, each) for each in OF_ORBITS) for one in (orbit, *orbit.others)]
-        )
+        rows = [tuple(getattr(one, each) for each in OF_ORBITS) for one in (orbit, *orbit.others)]
+        tell.rows("orbits", OF_ORBITS, rows)
         if follow is None:
-            return None
+            return _keep(tell, orbit, None, plot, force=force)
+        name, _, to = follow.partition("=")
         branch = found.follow(orbit, name, to=to)
-        special = branch.isel(point=branch["special"].values != "")
+        special = branch.isel(point=branch["special"].values != 0)
         tell.rows("special_points", (name, *OF_POINTS), _rows(special, (name, *OF_POINTS)))
         tell(branch.attrs["end"], end=branch.attrs["end"])
         return _keep(tell, branch, out, plot, force=force)
@@ -141,22 +142,20 @@ def _parted(text: str, count: int) -> tuple[str, list[Any]]:
 
 
 def _rows(table: "xr.Dataset", heads: tuple[str, ...]) -> list[tuple[Any, ...]]:
-    """The rows of columns of a table, with words in place of flags, and nothing where there is no number."""
+    """The rows of columns of a table, with words in place of flags."""
     from dimersweep.cubes.cube import names
 
-    columns = table[[*heads]]
-    words = {each: names(columns[each]) for each in heads if "flag_meanings" in columns[each].attrs}
-    frame = columns.assign(words).to_dataframe().reset_index()[[*heads]]
-    return [tuple(None if cell != cell else cell for cell in row) for row in frame.itertuples(index=False)]
+    frame = names(table[[*heads]]).to_dataframe().reset_index()[[*heads]]
+    return list(frame.itertuples(index=False, name=None))
 
 
-def _keep(tell: Printer, table: "xr.Dataset", out: Path | None, plot: Path | None, *, force: bool) -> None:
-    """Write a result and its picture, where they were asked for."""
+def _keep(tell: Printer, made: Any, out: Path | None, plot: Path | None, *, force: bool) -> None:
+    """Write a table, and the picture of that or of an orbit, where they were asked for."""
     if out is not None:
         from dimersweep.storage.cubefiles import write_cube
 
-        write_cube(table, out, force=force)
+        write_cube(made, out, force=force)
         tell(f"table: {out}", table=str(out))
     if plot is not None:
-        table.dimersweep.plot(path=plot, force=force)
+        getattr(made, "dimersweep", made).plot(path=plot, force=force)
         tell(f"picture: {plot}", picture=str(plot))

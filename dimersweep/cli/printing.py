@@ -12,9 +12,9 @@ from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, option
 
 
-def number_or_none(value: float) -> float | None:
-    """A number as JSON can hold it, which has no NaN and no infinity."""
-    return value if isfinite(value) else None
+def number_or_none(value: Any) -> Any:
+    """A value as JSON can hold it, which has no NaN and no infinity."""
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 class Printer:
@@ -41,16 +41,15 @@ class Printer:
         return not (self.json or self.quiet)
 
     def rows(self, name: str, heads: tuple[str, ...], rows: list[tuple[Any, ...]]) -> None:
-        """Print a table: its rows are objects for a program, an empty cell null."""
+        """Print a table: its rows are objects for a program."""
         from rich.console import Console
         from rich.table import Table
 
-        self.told[name] = [dict(zip(heads, row, strict=True)) for row in rows]
+        self.told[name] = [dict(zip(heads, map(number_or_none, row), strict=True)) for row in rows]
         if self.shown:
             table = Table(*heads)
             for row in rows:
-                cells = ("" if cell is None else cell for cell in row)
-                table.add_row(*(f"{cell:.8g}" if isinstance(cell, float) else str(cell) for cell in cells))
+                table.add_row(*(f"{cell:.8g}" if isinstance(cell, float) else str(cell) for cell in row))
             Console().print(table)
 
     def end(self) -> None:

@@ -1,8 +1,8 @@
 """Points to a labelled cube: an xarray.Dataset over the axes of the grid, ready to be written as CF NetCDF."""
 
 import json
-from collections.abc import Collection, Iterable, Mapping
-from typing import Any
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -68,12 +68,20 @@ def variable(name: str, dims: tuple[str, ...], values: np.ndarray, quantity: Qua
     kind: type = np.int8 if name in FLAGS else float if values.dtype.kind == "f" else np.int64
     attributes = quantity.attributes(kind)
     if name in FLAGS:
-        codes, words = np.arange(len(FLAGS[name]), dtype=np.int8), " ".join(FLAGS[name])
-        attributes = {"long_name": quantity.long_name, "flag_values": codes, "flag_meanings": words}
+        attributes = flag_attributes(quantity.long_name, FLAGS[name])
     made = xr.Variable(dims, values.astype(kind, copy=False), attributes)
     # with a fill value, xarray would read integers back as floats
     made.encoding.update(PACKED, _FillValue=np.nan if kind is float else None)
     return made
+
+
+def flag_attributes(meaning: str, words: Sequence[str]) -> dict[str, Any]:
+    """CF attributes of a variable of codes: the places of its words."""
+    return {
+        "long_name": meaning,
+        "flag_values": np.arange(len(words), dtype=np.int8),
+        "flag_meanings": " ".join(words),
+    }
 
 
 def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -220,31 +228,34 @@ def check_codes(flags: xr.DataArray) -> None:
         )
 
 
-def check_flags(name: Any, values: np.ndarray) -> None:
-    """Refuse values of a flag variable that are the codes of no words.
+def check_flags(name: Any, values: np.ndarray, codes: Any = None) -> None:
+    """Refuse values of a flag variable that are none of the `codes` of its words, by default those of `FLAGS`.
 
     Raises
     ------
     StoreError
         With the first of them.
     """
-    wrong = ~((values >= 0) & (values < len(FLAGS.get(name, ()))))
-    if name in FLAGS and wrong.any():
+    wrong = ~np.isin(values, range(len(FLAGS[name])) if codes is None else codes)
+    if wrong.any():
         raise StoreError(f"{name} = {values[wrong][0]}: is the code of no {name}; the cube was changed")
 
 
-def names(flags: xr.DataArray) -> xr.DataArray:
-    """The words behind a flag variable, such as "drift" for each point of ``cube["mode"]``.
+Flagged = TypeVar("Flagged", xr.DataArray, xr.Dataset)
+
+
+def names(flags: Flagged) -> Flagged:
+    """The words behind a flag variable, such as "drift" for each point of ``cube["mode"]``; or behind all flags of a dataset.
 
     Parameters
     ----------
-    flags : xarray.DataArray of int
-        With the CF attributes `flag_values` and `flag_meanings`.
+    flags : xarray.DataArray of int or bool, or xarray.Dataset
+        With the CF attributes `flag_values` and `flag_meanings`; a dataset has them at each of its flags.
 
     Returns
     -------
-    xarray.DataArray of str
-        Same dimensions and coordinates.
+    xarray.DataArray of str, or xarray.Dataset
+        Same dimensions and coordinates; all else of a dataset as it is, truth values, too.
 
     Raises
     ------
@@ -260,10 +271,12 @@ def names(flags: xr.DataArray) -> xr.DataArray:
     >>> names(cube["mode"]).values.tolist()
     ['rest', 'drift']
     """
+    if isinstance(flags, xr.Dataset):
+        coded = {name: each for name, each in flags.variables.items() if "flag_meanings" in each.attrs}
+        return flags.assign({name: names(flags[name]).variable for name in coded if coded[name].dtype != bool})
     if not isinstance(flags, xr.DataArray) or "flag_meanings" not in flags.attrs:
         given = getattr(flags, "name", None) or type(flags).__name__
         raise ParameterError(f"names: {given} has no words; give a flag variable such as cube['mode']")
-    check_flags(flags.name, flags.values)
-    words = np.array(flags.attrs["flag_meanings"].split())
-    places = np.searchsorted(flags.attrs["flag_values"], flags.values)
-    return flags.copy(data=words[places]).drop_attrs()
+    codes, words = flags.attrs["flag_values"], np.array(flags.attrs["flag_meanings"].split())
+    check_flags(flags.name, flags.values, codes)
+    return flags.copy(data=words[np.searchsorted(codes, flags.values)]).drop_attrs()

@@ -1,27 +1,36 @@
-"""Tables as NetCDF can hold them."""
+"""Columns of tables and what holds for all of a table, labelled as those of cubes are."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import flag_attributes, labelled
+from dimersweep.symbols import PARAMETERS, Quantity
 
-def storable(table: xr.Dataset) -> xr.Dataset:
-    """A table without truth values, which NetCDF does not know."""
-    table = table.copy()
-    for name in list(table.data_vars):
-        column = table[name]
-        if column.dtype.kind == "b":
-            flags = {"flag_values": np.array([0, 1], dtype=np.int8), "flag_meanings": "no yes"}
-            table[name] = (
-                column.dims,
-                column.values.astype(np.int8),
-                {"long_name": column.attrs.get("long_name", name)} | flags,
-            )
-        elif column.dtype.kind == "i":
-            table[name] = column.astype(np.int32)
-    for name in table.variables:
-        if table[name].dtype.kind in "OU":
-            table[name].attrs.pop("units", None)
-    return table
+NO_YES = ("no", "yes")  # words of truth values
+
+
+def column(dims: str | Sequence[str], entries: Any, said: Quantity | str, words: Sequence[str] = ()) -> xr.Variable:
+    """A column of a table: numbers with their unit, texts, or flags, which are one of a few `words`.
+
+    Entries of flags are their words or codes. Truth values are flags, too, and stay such: xarray writes and reads them.
+    """
+    values, quantity = np.asarray(entries), said if isinstance(said, Quantity) else Quantity("1", said)
+    kind = values.dtype.kind
+    if words and kind in "OU":
+        values = np.vectorize(words.index, otypes=[np.int8])(values)
+    if words or kind == "b":
+        attributes = flag_attributes(quantity.long_name, words or NO_YES)
+        return xr.Variable(dims, values.astype(np.int8) if words else values, attributes)
+    texts = {"long_name": quantity.long_name}
+    return xr.Variable(dims, values, texts if kind in "OSU" else quantity.attributes(values.dtype.type))
+
+
+def fixed_coordinates(parameters: Mapping[str, float]) -> dict[str, xr.Variable]:
+    """Parameters that hold for all of a table, with their units."""
+    return {name: labelled(xr.Variable((), value), PARAMETERS[name]) for name, value in parameters.items()}
 
 
 def without_fill(table: xr.Dataset) -> xr.Dataset:

@@ -15,9 +15,9 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of, label, with_units
 from dimersweep.plots.view import as_shown
-from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.behind import behind
 from dimersweep.runs.run import Run
+from dimersweep.studies import accessor  # noqa: F401 - the run behind a point
 from dimersweep.symbols import is_angle, units_shown
 
 MOST_CELLS = 250_000  # of one map: more would make the page slow

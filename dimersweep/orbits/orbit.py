@@ -4,13 +4,15 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.tables import column, fixed_coordinates
 from dimersweep.inputs import check_count
-from dimersweep.kernel.model.layout import State
+from dimersweep.kernel.model.layout import DI_ENDS, State
 from dimersweep.orbits.manifold import SlowMotion, multipliers_of, slow_motion_at
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, strike_of
@@ -19,9 +21,15 @@ from dimersweep.runs.period_map import NAMES
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import exactly, run_row
 from dimersweep.runs.starting import start_of
-from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, Quantity
+from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, START, Quantity, conditions
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from dimersweep.plots.style import Look
 
 FORMER_WORD = "PeriodicOrbit.word is PeriodicOrbit.sequence now; the former name goes with the next release"
+SHOWN_PERIODS = 12  # of an orbit in its picture: one that is unstable has not left it yet
 CIRCLE = 1e-12  # turn of a period [rad] that is none
 CHORDS = 16  # parts of a forcing period: with these the radius of the base case's path is known to 1e-6 m
 
@@ -163,6 +171,11 @@ class PeriodicOrbit:
             f"zeta {self.zeta:.6g} rad, residual {self.residual:.1e}{others}>"
         )
 
+    def _repr_html_(self) -> str:
+        from dimersweep.plots.tables import orbit_table
+
+        return orbit_table(self)
+
     @cached_property
     def path(self) -> MeanPath:
         """The mean path of the centre of mass."""
@@ -214,6 +227,31 @@ class PeriodicOrbit:
         del start["phase"]  # which is phi0
         return replace(run, start=start)
 
+    def plot(self, path: str | PathLike[str] | None = None, *, force: bool = False, **look: "Unpack[Look]") -> "Figure":
+        """Heights, path and phase portraits of a run that starts on the orbit, as `Run.plot` draws them.
+
+        Parameters
+        ----------
+        path : path-like, optional
+            Picture to write.
+        force : bool
+            Whether `path` may be replaced.
+        **look : see `dimersweep.plots.Look`
+
+        Raises
+        ------
+        ParameterError, StoreError
+            If the picture cannot be written.
+
+        Examples
+        --------
+        >>> from dimersweep import orbits
+        >>> figure = orbits.find(spin=100.0).plot("orbit.png", force=True)
+        """
+        told = f"{'stable' if self.stable else 'unstable'} orbit of spin {self.spin:.6g} rad/s"
+        heading = f"{told}: {conditions(self.parameters, START, tex=True)}"
+        return self.run(SHOWN_PERIODS * self.periods).plot(path, force=force, **{"title": heading} | look)
+
 
 def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrbit:
     """The orbit of a fixed point, and of the motion that drifts slowly along the family beside it.
@@ -253,7 +291,24 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
 
 # --- orbits as labelled data -----------------------------------------------------------------------------------------
 
-Column = tuple[Any, Quantity | str]  # entries, one an orbit or a row of numbers, and what they are
+
+class Column(NamedTuple):
+    """A column of a table of orbits.
+
+    Attributes
+    ----------
+    entries : list
+        One an orbit, or a row of numbers.
+    said : Quantity or str
+        What they are.
+    words : sequence of str
+        All that they may be, if they are words of a fixed set.
+    """
+
+    entries: Any
+    said: Quantity | str
+    words: Sequence[str] = ()
+
 
 MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
 COLUMNS = {
@@ -270,6 +325,7 @@ TEXTS = {
     "di_end": QUANTITIES["di_end"],
     "word": Quantity("1", "sequence of contact states"),
 }
+WORDS = {"di_end": DI_ENDS}
 ATTRIBUTE_OF = {"word": "sequence"}  # attributes of an orbit whose columns have other names, those of former files
 DOUBLING = Quantity("1", "coefficient of the flip: a stable orbit of twice the period begins where it is positive")
 MULTIPLIERS = {
@@ -292,22 +348,18 @@ def multiplier_columns(dims: Sequence[str], rows: np.ndarray) -> dict[str, xr.Va
 
 
 def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Mapping[str, Column] = {}) -> xr.Dataset:
-    """The attributes of orbits along `dim`, and `more` columns; parameters that all share are attributes of the dataset."""
+    """The attributes of orbits along `dim`, and `more` columns; parameters that all share are scalar coordinates."""
     columns = {
-        name: ([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said)
+        name: Column([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said, WORDS.get(name, ()))
         for name, said in (COLUMNS | TEXTS).items()
     }
     table = xr.Dataset()
-    for name, (entries, said) in (columns | dict(more)).items():
+    for name, (entries, said, words) in (columns | dict(more)).items():
         values = np.array(entries, dtype=float if name in COLUMNS else None)
-        if isinstance(said, str):
-            attributes = {"long_name": said} if values.dtype.kind == "U" else {"units": "1", "long_name": said}
-        else:
-            attributes = said.attributes()
-        table[name] = ((dim, "number")[: values.ndim], values, attributes)
+        table[name] = column((dim, "number")[: values.ndim], values, said, words)
     rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
     table = table.assign(multiplier_columns((dim, "multiplier"), rows))
-    if orbits:
-        first = orbits[0].parameters
-        table.attrs = {k: v for k, v in first.items() if all(orbit.parameters.get(k) == v for orbit in orbits)}
-    return table
+    shared = dict(orbits[0].parameters) if orbits else {}
+    for orbit in orbits:
+        shared = {name: value for name, value in shared.items() if orbit.parameters.get(name) == value}
+    return table.assign_coords(fixed_coordinates({name: shared[name] for name in shared if name not in table}))

@@ -21,7 +21,7 @@ from dimersweep.studies.making import make_cube
 from dimersweep.studies.observing import OwnObserver
 from dimersweep.studies.search import MIXED, REGIONS, Search
 from dimersweep.studies.study import Batch, Sample
-from dimersweep.work.options import Given
+from dimersweep.work.options import Given, with_options
 
 MAX_HALVINGS = 12
 FILLED = ("answer", "region", "mode")  # what a point that was not computed takes from the cell around it
@@ -246,6 +246,7 @@ def study_of(coarse: Search, halvings: Mapping[str, int], between: Sequence[str]
     )
 
 
+@with_options
 def refine(
     grid: Mapping[str, Any],
     fixed: Mapping[str, Any] | None = None,

@@ -23,7 +23,7 @@ from dimersweep.studies.observers import Longer, Observer, Ran, paths_of
 from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Batch, Sample, Study
 from dimersweep.symbols import PARAMETERS
-from dimersweep.work.options import Given
+from dimersweep.work.options import Given, with_options
 
 REGIONS = FLAGS["region"]
 MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for
@@ -260,6 +260,7 @@ def study_of(
     return Search(grid=others, how=settings, observers=(*observers, *own), question=question)
 
 
+@with_options
 def search(
     grid: Mapping[str, Any],
     fixed: Mapping[str, Any] | None = None,

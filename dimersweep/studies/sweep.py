@@ -16,7 +16,7 @@ from dimersweep.studies.making import make_cube
 from dimersweep.studies.observers import Certify, Observer, Sustained, strobes_of
 from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Study
-from dimersweep.work.options import Given
+from dimersweep.work.options import Given, with_options
 
 
 def study_of(
@@ -56,6 +56,7 @@ def study_of(
     return Study(grid=grid, how=settings, observers=(*seen, *own))
 
 
+@with_options
 def sweep(
     grid: Mapping[str, Any] | None = None,
     fixed: Mapping[str, Any] | None = None,

@@ -1,10 +1,12 @@
-"""How far a sweep is: a live bar on a terminal, a plain line now and then in a log."""
+"""How far a sweep is: a live bar in a notebook or on a terminal, a plain line now and then in a log."""
 
 import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from html import escape
+from math import inf
 from time import perf_counter
 
 from rich.console import Console
@@ -12,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from dimersweep.kernel.compiler.ways import FAST, PLAIN, is_compiled, way
 
-LINE_SECONDS = 10.0  # between two plain lines
+LINE_SECONDS, BAR_SECONDS = 10.0, 0.2  # between two plain lines, and two looks of the bar in a notebook
 ENOUGH_SECONDS = 2.0  # of work by each worker, before its time left is shown
 COMPILE_TIMES = {FAST: "10 to 60 s", PLAIN: "1 to 4 minutes"}
 COMPILE_STEP, COMPILE_SHOWN = 10.0, 600.0  # between two lines while the kernel is compiled, and how long at most [s]
@@ -81,6 +83,11 @@ class Tally:
             return "-:--:--"
         return clock(left * self.seconds / max(1, self.timed) / workers)
 
+    def line(self) -> str:
+        """How far it is, in one line."""
+        share = f"{self.done}/{self.total} points, {100 * self.done // self.total} %"
+        return f"{share}, elapsed {self.elapsed}, left {self.time_left()}: {self.words()}"
+
     def words(self) -> str:
         """Such as ``drift 512, rest 30``, the most frequent first."""
         return ", ".join(f"{mode} {count}" for mode, count in self.modes.most_common())
@@ -92,21 +99,38 @@ def clock(seconds: float) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
 
-def in_lines() -> Callable[[Tally], None]:
-    """Shows a `Tally` on stderr by a plain line every `LINE_SECONDS` and at the end, for logs."""
-    last = perf_counter()
+def now_and_then(seconds: float, write: Callable[[Tally], None], last: float = -inf) -> Callable[[Tally], None]:
+    """Shows a `Tally` by `write`, at most once in so many seconds since `last`, and at the end."""
 
     def show(tally: Tally) -> None:
         nonlocal last
         now = perf_counter()
-        if now - last < LINE_SECONDS and tally.done < tally.total:
-            return
-        last = now
-        share = f"{tally.done}/{tally.total} points, {100 * tally.done // tally.total} %"
-        times = f"elapsed {tally.elapsed}, left {tally.time_left()}"
-        print(f"{share}, {times}: {tally.words()}", file=sys.stderr, flush=True)
+        if now - last >= seconds or tally.done >= tally.total:
+            last = now
+            write(tally)
 
     return show
+
+
+def print_line(tally: Tally) -> None:
+    """Show a `Tally` on stderr by a plain line, for logs."""
+    print(tally.line(), file=sys.stderr, flush=True)
+
+
+def notebook_bar() -> Callable[[Tally], None] | None:
+    """Shows a `Tally` as a bar in the notebook that this process works for; none if it works for none."""
+    ipython = sys.modules.get("IPython")  # a kernel has imported it
+    if not hasattr(ipython and ipython.get_ipython(), "kernel"):
+        return None
+    from IPython.display import HTML, display
+
+    shown = display(HTML(""), display_id=True)
+
+    def write(tally: Tally) -> None:
+        bar = f'<progress value="{tally.done}" max="{tally.total}" style="width: 20em"></progress>'
+        shown.update(HTML(f"{bar} {escape(tally.line())}"))
+
+    return now_and_then(BAR_SECONDS, write)
 
 
 def report_compiling() -> None:
@@ -127,15 +151,20 @@ def _report_seconds() -> None:
 
 @contextmanager
 def watch(total: int, before: Mapping[str, int], workers: Callable[[], int], *, show: bool) -> Iterator[Tally]:
-    """A `Tally`, which is shown on stderr if it is to be: as a bar on a terminal, as lines in a log."""
+    """A `Tally`, which is shown if it is to be: as a bar in a notebook, as one on a terminal, as lines in a log (stderr)."""
     console = Console(stderr=True)
     if not show:
         yield Tally(total, before, workers)
         return
+    if bar := notebook_bar():
+        tally = Tally(total, before, workers, bar)
+        bar(tally)
+        yield tally
+        return
     if not console.is_terminal:
         if done := sum(before.values()):
             print(f"going on: {done} of {total} points are done", file=sys.stderr, flush=True)
-        yield Tally(total, before, workers, in_lines())
+        yield Tally(total, before, workers, now_and_then(LINE_SECONDS, print_line, perf_counter()))
         return
     left = TextColumn("{task.fields[left]}", style="progress.remaining")
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("points"), left, TextColumn("{task.description}"))
