@@ -169,8 +169,8 @@ def units_of(name: str) -> str:
 
 
 def is_angle(name: str) -> bool:
-    """Whether a parameter is an angle, which is kept in radians and shown in degrees."""
-    return PARAMETERS[name].units == "rad"
+    """Whether a name is that of a parameter that is an angle, which is kept in radians and shown in degrees."""
+    return name in PARAMETERS and PARAMETERS[name].units == "rad"
 
 
 def value_shown(name: str, value: float) -> str:

@@ -135,7 +135,7 @@ def test_a_picture_has_the_name_of_what_it_shows(done, call, fake_kernel):
         assert done("plot", "fig07-small.nc", option, word).splitlines()[-1] == f"picture: fig07-small-{word}.png"
         assert Path(f"fig07-small-{word}.png").exists()
     for option, word, meant in (("--quantity", "radios", "radius"), ("--kind", "mode-map", "mode_map")):
-        _, err, code = call("plot", "fig07-small.nc", option, word, "--out", "small.toml")
+        _, err, code = call("plot", "fig07-small.nc", option, word, "--out", "fig07-small-radius.png")
         assert code == 2
         assert f"{option[2:]}: {word}: unknown" in err
         assert f"did you mean {meant}?" in err
@@ -167,7 +167,7 @@ def test_an_orbit_and_its_branch(done, call):
     orbit = orbits.find(spin=100.0)
     assert told["orbits"][0]["radius"] == orbit.radius
     branch = orbits.follow(orbit, "Gamma", to=1.3)
-    special = branch["Gamma"].values[branch["special"].values != ""]
+    special = branch["Gamma"].values[dimersweep.names(branch["special"]).values != "none"]
     assert [row["Gamma"] for row in told["special_points"]] == pytest.approx(special.tolist())
     assert told["end"] == branch.attrs["end"]
     assert Path("b.png").read_bytes().startswith(b"\x89PNG")
@@ -183,7 +183,8 @@ def test_attractors_from_drawn_starts(done, call):
     assert [row["mode"] for row in told] == ["rest", "drift"]
     assert [row["share"] for row in told] == found["share"].values.tolist()
     assert told[0]["radius"] is None
-    assert {"a.nc", "a.png"} <= set(os.listdir())
+    assert done("plot", "a.nc", "--out", "again.png").splitlines() == ["picture: again.png"]
+    assert {"a.nc", "a.png", "again.png"} <= set(os.listdir())
     _, err, code = call("attractors", "beta0")
     assert code == 2
     assert "'beta0': must be NAME=LOW:HIGH, such as beta0=1deg:89deg" in err

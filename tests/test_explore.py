@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import dimersweep
+from dimersweep import orbits
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.exploring.mapping import MOST_CELLS, CubeMap
 from dimersweep.exploring.page import LivePage
@@ -127,6 +128,23 @@ def test_the_map_shows_the_part_that_is_asked_for(cube):
     assert (part["x"]["label"], part["y"]["label"]) == ("β(0) [°]", "f [Hz]")
     np.testing.assert_allclose(part["x"]["edges"], [6, 10, 14, 18, 22, 26])
     assert [color for color, _ in part["key"]] == [MODE_COLORS[w] for w in MODE_COLORS if w in cube.dimersweep.modes()]
+
+
+def test_borders_and_branches_have_a_map():
+    curve = orbits.border("fold", "Gamma", over={"e": [0.55, 0.6]}, spin=100.0)
+    page = LivePage(curve)
+    assert page.map.told()["sides"] == {"e": "e", "Gamma": "Γ"}
+    part = page.map.part({})
+    assert part["modes"] == ["fold", "fold"]
+    assert part["key"] == [[orbits.BORDER_KINDS["fold"].color, "fold"]]
+    assert part["y"]["at"] == curve["Gamma"].values.tolist()
+    told = page.run({"at": "1"})
+    assert (told["place"]["e"], float(told["place"]["Gamma"])) == ("0.6", pytest.approx(curve["Gamma"][1].item()))
+    branch = LivePage(orbits.follow(orbits.find(spin=100.0), "Gamma", to=0.7)).map.part({})
+    assert {*branch["modes"]} == {"stable", "unstable"}
+    assert (branch["x"]["label"], branch["y"]["label"]) == ("Γ", "radius [m]")
+    with pytest.raises(ParameterError, match="explore: needs borders or branches over a parameter"):
+        LivePage(orbits.family(spin=(100.0, 110.0), points=3))
 
 
 def test_a_quantity_is_shown_in_shades(cube):

@@ -54,14 +54,14 @@ def plot(
     if kind is not None and kind not in PICTURE_KINDS:
         raise ParameterError(f"kind: {unknown(kind, 'kind of picture', PICTURE_KINDS)}")
     from dimersweep.plots import check_picture
-    from dimersweep.storage.cubefiles import open_cube
+    from dimersweep.storage.cubefiles import open_result
     from dimersweep.storage.outputs import refuse_input
 
     if not cube.name:
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
     if out is not None:
         check_picture(out, force=True)  # whether it is a picture, before a large cube is read
-    opened = open_cube(cube)
+    opened = open_result(cube)
     if quantity is not None and quantity not in opened:
         raise ParameterError(f"quantity: {unknown(quantity, 'variable of the cube', map(str, opened.data_vars))}")
     which = quantity or kind
@@ -71,12 +71,15 @@ def plot(
     with interruptible(picture):
         for each in select or ():
             opened = _selected(opened, each)
-        print_cube(tell, opened)
+        if "dimersweep_cube" in opened.attrs and "attractor" not in opened.dims:
+            print_cube(tell, opened)
         draw_beside(tell, opened, picture, kind, quantity)
 
 
 def explore(
-    cube: Annotated[Path | None, argument("CUBE", "Cube whose map stands beside the dimer.")] = None,
+    cube: Annotated[
+        Path | None, argument("CUBE", "Cube, or borders or branches, whose map stands beside the dimer.")
+    ] = None,
     *,
     port: Annotated[
         int | None, number_option("Port of the page, 0 for any that is free; 8470 by default, if it is.", int)
@@ -87,10 +90,10 @@ def explore(
     if port is not None and not 0 <= port <= LAST_PORT:
         raise ParameterError(f"port = {port}: must be 0 to {LAST_PORT}")
     with interruptible():
-        from dimersweep.storage.cubefiles import open_cube
+        from dimersweep.storage.cubefiles import open_result
         from dimersweep.work.progress import report_compiling
 
-        opened = None if cube is None else open_cube(cube)
+        opened = None if cube is None else open_result(cube)
         report_compiling()
         from dimersweep.exploring.serving import Explorer
 
@@ -109,7 +112,7 @@ def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
 
     name, _, value = text.partition("=")
     if name not in cube.dims:
-        allowed = ", ".join(map(str, cube["mode"].dims))
+        allowed = ", ".join(map(str, cube["mode"].dims if "mode" in cube else cube.dims))
         raise typer.BadParameter(f"--select {text}: {name or 'nothing'} is no axis of the cube ({allowed})")
     return nearest(cube, name, value)
 
@@ -118,10 +121,11 @@ def draw_beside(
     tell: Printer, cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None
 ) -> None:
     """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and print its path."""
-    from dimersweep.plots import draw, write_picture
+    from dimersweep.plots import write_picture
+    from dimersweep.studies import accessor  # noqa: F401 - the picture of a result
 
-    marked = {"Keywords": PICTURE_MARK + cube.attrs["configuration_sha256"]}
-    write_picture(draw(cube, kind, quantity=quantity), picture, force=True, metadata=marked)
+    marked = {"Keywords": PICTURE_MARK + cube.attrs.get("configuration_sha256", "none")}
+    write_picture(cube.dimersweep.plot(kind, quantity=quantity), picture, force=True, metadata=marked)
     tell(f"picture: {picture}", picture=str(picture))
 
 

@@ -3,11 +3,10 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Force, Workers, argument, number_option, option, with_parameters
 from dimersweep.cli.printing import Printer, telling
+from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:
@@ -41,9 +40,9 @@ def orbits(
 ) -> None:
     """Print the circles that a dimer can walk for good, or the orbit of a spin, or what becomes of it over a parameter."""
     if spin is None and (follow is not None or plot is not None):
-        raise typer.BadParameter("--follow and --plot need --spin, that of the orbit")
+        raise ParameterError("--follow and --plot need --spin, that of the orbit")
     if spin is not None and follow is None and out is not None:
-        raise typer.BadParameter("--out needs --follow, or no --spin: one orbit is no table")
+        raise ParameterError("--out needs --follow, or no --spin: one orbit is no table")
     _check_files(out, plot, force=force)
     given = {each: value for each, value in parameters.items() if value is not None}
     with interruptible(out, plot):
@@ -137,7 +136,7 @@ def _parted(text: str, count: int) -> tuple[str, list[Any]]:
     parts = values.split(":")
     if name not in PARAMETERS or len(parts) != count:
         ways = {2: "NAME=LOW:HIGH, such as beta0=1deg:89deg", 3: "NAME=START:STOP:STEP, such as Gamma=0.8:1:0.05"}
-        raise typer.BadParameter(f"{text!r}: must be {ways[count]}")
+        raise ParameterError(f"{text!r}: must be {ways[count]}")
     return name, parts
 
 

@@ -11,17 +11,21 @@ from matplotlib.colors import to_hex
 
 from dimersweep.cubes.cube import check_codes, names
 from dimersweep.cubes.findings import edges_of, is_geometric
+from dimersweep.cubes.tables import column
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
+from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of, label, with_units
 from dimersweep.plots.view import as_shown
 from dimersweep.runs.behind import behind
 from dimersweep.runs.run import Run
+from dimersweep.runs.simulating import simulate
 from dimersweep.studies import accessor  # noqa: F401 - the run behind a point
-from dimersweep.symbols import is_angle, units_shown
+from dimersweep.symbols import PARAMETERS, is_angle, units_shown
 
 MOST_CELLS = 250_000  # of one map: more would make the page slow
 SHADES = np.array([to_hex(color) for color in colormaps["viridis"](np.linspace(0, 1, 256))])
+STABILITY = {"stable": MODE_COLORS["drift"], "unstable": MODE_COLORS["rest"]}
 label_of = partial(label, tex=False)
 
 
@@ -51,6 +55,7 @@ class CubeMap:
         self.fixed = [name for name in self.dims if name not in (*self.axes[-2:], "point")]
         columns = {str(name): each for name, each in cube.data_vars.items() if each.dims == self.mode.dims}
         self.shown = ["mode", *(name for name, each in columns.items() if each.dtype.kind == "f")]
+        self.colors, self.labels = [*MODE_COLORS.values()], [MODE_LABELS[word] for word in MODES]
 
     def told(self) -> dict[str, Any]:
         """What a page needs to ask for a part: axes, values of the others, and what may be shown."""
@@ -83,14 +88,13 @@ class CubeMap:
         told: dict[str, Any] = {"modes": modes, "dims": dims}
         for way, name in (("x", x), ("y", y)):
             along = self.cube[name].values if name else np.array([0.5])
-            along = np.rad2deg(along) if name and is_angle(name) else along
+            along = np.rad2deg(along) if is_angle(name) else along
             told[way] = {"name": name, "label": name and label_of(name), "at": along.tolist()}
             told[way]["log"] = bool(name) and not self.points and is_geometric(along)
             told[way]["edges"] = [along.min(), along.max()] if self.points else edges_of(along).tolist()
         if shown == "mode":
-            present = [MODES[code] for code in np.unique(self.mode.values)]
-            told["key"] = [[MODE_COLORS[word], MODE_LABELS[word]] for word in present]
-            told["colors"] = np.array(list(MODE_COLORS.values()))[values].tolist()
+            told["key"] = [[self.colors[code], self.labels[code]] for code in np.unique(self.mode.values)]
+            told["colors"] = np.array(self.colors)[values].tolist()
             return told
         whole = self.cube[shown].values
         finite = whole[np.isfinite(whole)]
@@ -115,6 +119,39 @@ class CubeMap:
         run, how = point.dimersweep.run(), behind(point).how
         periods = max(how.periods, run.n_periods)
         return run, {"periods": periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
+
+
+class BorderMap(CubeMap):
+    """The points of borders or of branches, in the colours of their kinds, as a page asks for them."""
+
+    def __init__(self, table: xr.Dataset) -> None:
+        parameter = table.attrs.get("parameter")
+        if parameter not in PARAMETERS:
+            raise ParameterError("explore: needs borders or branches over a parameter")
+        frame = table.dimersweep.to_dataframe().reset_index()
+        frame = frame[np.isfinite(frame[parameter])].reset_index(drop=True)
+        stability = frame["stable"].map({True: "stable", False: "unstable"})
+        words = frame.get("kind", stability if "kind" not in table.attrs else [table.attrs["kind"]] * len(frame))
+        self.labels = sorted(set(words))
+        self.colors = [BORDER_KINDS[word].color if word in BORDER_KINDS else STABILITY[word] for word in self.labels]
+        self.cube = frame.rename_axis("point").to_xarray().assign_attrs(table.attrs)
+        self.cube["mode"] = column("point", words, "kind of border, or stability", self.labels)
+        self.mode, self.dims, self.points, self.fixed, self.shown = self.cube["mode"], ["point"], True, [], ["mode"]
+        varied = [name for name in PARAMETERS if name in frame and frame[name].nunique() > 1]
+        self.axes = ["radius", parameter] if varied == [parameter] else sorted(varied, key=[parameter, *varied].index)
+        self.held = fixed_of(table)[0]
+
+    def run(self, at: str) -> tuple[Run, dict[str, Any]]:
+        """A run with the parameters of a point."""
+        row = self.cube.isel(point=_place("point", at, self.mode.size))
+        settings: dict[str, Any] = {"periods": 200, "rtol": 1e-8, "stop_when_settled": True}
+        given: dict[str, Any] = {name: row[name].item() for name in PARAMETERS if name in row}
+        return simulate(**self.held | given, **settings), settings
+
+
+def map_of(data: xr.Dataset) -> CubeMap:
+    """The map of a cube, or of a table of borders or branches."""
+    return BorderMap(data) if isinstance(data, xr.Dataset) and "slow_multiplier" in data else CubeMap(data)
 
 
 def _one_of(name: str, word: str, words: list[str]) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.exploring.mapping import CubeMap
+from dimersweep.exploring.mapping import map_of
 from dimersweep.inputs import check_count
 from dimersweep.parameters import check_name, completed
 from dimersweep.plots.view import USUAL_SPEED, as_shown, filled, seen, stretch_of
@@ -46,7 +46,7 @@ class LivePage:
     """A page of one dimer, and of a cube if there is one; it raises a `UserError` where what is asked for cannot be."""
 
     def __init__(self, cube: xr.Dataset | None = None) -> None:
-        self.map = None if cube is None else CubeMap(cube)
+        self.map = None if cube is None else map_of(cube)
 
     def html(self) -> str:
         """All of it, which asks for `run` and for parts of the map where it came from."""

@@ -100,6 +100,20 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
         return cube
 
 
+def open_result(path: Path) -> xr.Dataset:
+    """A cube, see `open_cube`, or a table of attractors or orbits, which is told by its columns.
+
+    Raises
+    ------
+    StoreError
+        If it is neither.
+    """
+    with format_at(path).opened(path) as data:
+        if {"attractor", "slow_multiplier"} & {*data.variables}:
+            return data.load()
+    return open_cube(path)
+
+
 def count_modes(path: str | os.PathLike[str]) -> dict[str, int]:
     """How many points of the cube at `path` are in each mode; they are read block by block.
 
