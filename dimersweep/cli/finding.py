@@ -7,13 +7,13 @@ from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Force, Workers, argument, number_option, option, with_parameters
 from dimersweep.cli.printing import Printer, telling
 from dimersweep.errors import ParameterError
-from dimersweep.symbols import PARAMETERS
+from dimersweep.symbols import PARAMETERS, units_shown
 
 if TYPE_CHECKING:
     import xarray as xr
 
 OF_CIRCLES = ("kind", "spin", "radius", "period", "zeta", "speed", "attracts", "slow_time")
-OF_ORBITS = ("spin", "radius", "period", "zeta", "speed", "stable", "sequence")
+OF_ORBITS = ("spin", "radius", "period", "zeta", "speed", "stable", "word")
 OF_POINTS = ("special", "change", "spin", "radius", "period", "stable")
 OF_ATTRACTORS = ("attractor", "mode", "share", "share_low", "share_high", "periods", "stable", "radius", "spin")
 OF_FATES = ("fate", "spin_low", "spin_high")
@@ -48,21 +48,21 @@ def orbits(
     with interruptible(out, plot):
         _start(tell)
         from dimersweep import orbits as found
+        from dimersweep.orbits.orbit import dataset
 
         if spin is None:
             circles = found.sustained(**given)
-            tell.rows("circles", OF_CIRCLES, _rows(circles, OF_CIRCLES))
+            _print(tell, "circles", circles, OF_CIRCLES)
             return _keep(tell, circles, out, None, force=force)
         orbit = found.find(spin=spin, **given)
-        rows = [tuple(getattr(one, each) for each in OF_ORBITS) for one in (orbit, *orbit.others)]
-        tell.rows("orbits", OF_ORBITS, rows)
+        _print(tell, "orbits", dataset((orbit, *orbit.others), "orbit"), OF_ORBITS)
         if follow is None:
             return _keep(tell, orbit, None, plot, force=force)
         name, _, to = follow.partition("=")
         branch = found.follow(orbit, name, to=to)
         special = branch.isel(point=branch["special"].values != 0)
-        tell.rows("special_points", (name, *OF_POINTS), _rows(special, (name, *OF_POINTS)))
-        tell(branch.attrs["end"], end=branch.attrs["end"])
+        _print(tell, "special_points", special, (name, *OF_POINTS))
+        tell(f"end of the branch: {branch.attrs['end']}", end=branch.attrs["end"])
         return _keep(tell, branch, out, plot, force=force)
 
 
@@ -108,7 +108,7 @@ def attractors(
             progress=not tell.quiet,
         )
         heads = (*([name] if over else ()), *OF_ATTRACTORS, *(OF_FATES if slow else ()))
-        tell.rows("attractors", heads, _rows(found, heads))
+        _print(tell, "attractors", found, heads)
         _keep(tell, found, out, plot, force=force)
 
 
@@ -140,12 +140,13 @@ def _parted(text: str, count: int) -> tuple[str, list[Any]]:
     return name, parts
 
 
-def _rows(table: "xr.Dataset", heads: tuple[str, ...]) -> list[tuple[Any, ...]]:
-    """The rows of columns of a table, with words in place of flags."""
+def _print(tell: Printer, name: str, table: "xr.Dataset", columns: tuple[str, ...]) -> None:
+    """Print columns of a table, with words in place of flags."""
     from dimersweep.cubes.cube import names
 
-    frame = names(table[[*heads]]).to_dataframe().reset_index()[[*heads]]
-    return list(frame.itertuples(index=False, name=None))
+    frame = names(table[[*columns]]).to_dataframe().reset_index()[[*columns]]
+    units = {each: units_shown(table[each].attrs.get("units", "1")) for each in columns}
+    tell.rows(name, units, frame.itertuples(index=False, name=None))
 
 
 def _keep(tell: Printer, made: Any, out: Path | None, plot: Path | None, *, force: bool) -> None:

@@ -1,7 +1,7 @@
 """What commands print: lines for people, one JSON object for programs, or nothing."""
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import wraps
 from math import isfinite
 from typing import Annotated, Any
@@ -40,16 +40,17 @@ class Printer:
         """Whether lines are printed."""
         return not (self.json or self.quiet)
 
-    def rows(self, name: str, heads: tuple[str, ...], rows: list[tuple[Any, ...]]) -> None:
-        """Print a table: its rows are objects for a program."""
+    def rows(self, name: str, units: dict[str, str], rows: Iterable[tuple[Any, ...]]) -> None:
+        """Print a table, whose columns have the names and `units` given: its rows are objects for a program."""
         from rich.console import Console
         from rich.table import Table
 
-        self.told[name] = [dict(zip(heads, map(number_or_none, row), strict=True)) for row in rows]
+        told = self.told[name] = []
+        table = Table(*(f"{head} \\[{unit}]" if unit else head for head, unit in units.items()))
+        for row in rows:
+            told.append(dict(zip(units, map(number_or_none, row), strict=True)))
+            table.add_row(*(f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row))
         if self.shown:
-            table = Table(*heads)
-            for row in rows:
-                table.add_row(*(f"{cell:.8g}" if isinstance(cell, float) else str(cell) for cell in row))
             Console().print(table)
 
     def end(self) -> None:
