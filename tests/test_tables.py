@@ -1,5 +1,7 @@
 """Results in one style: words are flags, fixed parameters coordinates, and what is written is read back as it was."""
 
+import subprocess
+import sys
 from math import prod
 
 import numpy as np
@@ -188,3 +190,16 @@ def test_a_table_of_a_former_version_is_drawn_as_one_of_this_version(name, resul
         for line, same in zip(one.lines, other.lines, strict=True):
             np.testing.assert_array_equal(line.get_xydata(), same.get_xydata())
             assert (line.get_linestyle(), line.get_marker()) == (same.get_linestyle(), same.get_marker())
+
+
+def test_orbits_bring_what_their_tables_can_do_without_loading_matplotlib():
+    program = """
+import sys
+from dimersweep.orbits import family
+import xarray
+assert hasattr(xarray.Dataset, "dimersweep") and "matplotlib" not in sys.modules
+from dimersweep.runs.accessor import DRAW_TABLE
+assert len(DRAW_TABLE) == 1
+"""
+    done = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

@@ -121,8 +121,8 @@ def draw_beside(
     tell: Printer, cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None
 ) -> None:
     """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and print its path."""
+    from dimersweep import orbits  # noqa: F401 - pictures of their tables
     from dimersweep.plots import write_picture
-    from dimersweep.studies import accessor  # noqa: F401 - the picture of a result
 
     marked = {"Keywords": PICTURE_MARK + cube.attrs.get("configuration_sha256", "none")}
     write_picture(cube.dimersweep.plot(kind, quantity=quantity), picture, force=True, metadata=marked)

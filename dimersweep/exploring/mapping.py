@@ -9,18 +9,17 @@ import xarray as xr
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from dimersweep.cubes.cube import check_codes, names
+from dimersweep.cubes.cube import check_codes, column, names
 from dimersweep.cubes.findings import edges_of, is_geometric
-from dimersweep.cubes.tables import column
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of, label, with_units
 from dimersweep.plots.view import as_shown
+from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.behind import behind
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
-from dimersweep.studies import accessor  # noqa: F401 - the run behind a point
 from dimersweep.symbols import PARAMETERS, is_angle, units_shown
 
 MOST_CELLS = 250_000  # of one map: more would make the page slow

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.tables import fixed_coordinates
+from dimersweep.cubes.cube import fixed_coordinates
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.inputs import check_switch
 from dimersweep.orbits import bifurcation_curve, pitchfork_curve, sequence_curve, stability_end  # noqa: F401 - they enter the curves of all kinds
 from dimersweep.orbits.curve import Curve, Found, Place, asked, shortened
 from dimersweep.orbits.finding import RTOL
-from dimersweep.orbits.orbit import Column, PeriodicOrbit
+from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.symbols import PARAMETERS
 
 Index = tuple[int, ...]  # of a point of a grid: its number along each axis
@@ -251,7 +251,7 @@ def border(
 
 def _dataset(walk: Walk) -> xr.Dataset:
     curve, axes, rows = walk.curve, walk.axes, list(walk.found.values())
-    cost = {"cost": Column([one.cost for one in rows], "forcing periods of the map that the point took")}
+    cost = {"cost": ([one.cost for one in rows], "forcing periods of the map that the point took")}
     met = list(walk.meetings())
     table = curve.table(rows, "found", cost | curve.columns(rows))
     at = tuple(np.array(list(walk.found)).T)

@@ -129,7 +129,7 @@ class Curve(ABC):
 
     def table(self, found: Collection[Found], dim: str, more: Mapping[str, Column]) -> xr.Dataset:
         """A table of points along `dim`, with `more` columns."""
-        solved = {self.parameter: Column([one.value for one in found], PARAMETERS[self.parameter])}
+        solved = {self.parameter: ([one.value for one in found], PARAMETERS[self.parameter])}
         table = dataset([one.orbit for one in found], dim, solved | dict(more))
         spin = "sustained" if self.sustained else self.spin
         about = {"kind": self.kind.name, "parameter": self.parameter, "spin": spin}
@@ -137,9 +137,8 @@ class Curve(ABC):
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
         """What a table of points of this kind says more: whether stability is lost there, and the coefficient of a flip."""
-        loses = Column([one.loses for one in found], "whether a stable orbit loses its stability there")
-        doubling = {"doubling": Column([one.begin.doubling for one in found], DOUBLING)} if self.kind.doubles else {}
-        return {"loses_stability": loses} | doubling
+        loses = {"loses_stability": ([one.loses for one in found], "whether a stable orbit loses its stability there")}
+        return loses | ({"doubling": ([one.begin.doubling for one in found], DOUBLING)} if self.kind.doubles else {})
 
     # --- in the plane of two parameters: see `plane_curve` ----------------------------------------------------------
 

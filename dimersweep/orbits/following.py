@@ -96,13 +96,13 @@ def follow(
     kinds, allowed = [row.kind for row in rows], kind_words()
     special = [("word" if kind.of_sequence else kind.name) if kind else "none" for kind in kinds]
     change = [kind.name if kind and kind.of_sequence else "none" for kind in kinds]
-    columns = {
-        "special": Column(special, "kind of special point", allowed),
-        "change": Column(change, "what changes in the sequence", allowed),
-        "jump": Column([row.jump for row in rows], "jump of the orbit, in units of the section"),
+    columns: dict[str, Column] = {
+        "special": (special, "kind of special point", allowed),
+        "change": (change, "what changes in the sequence", allowed),
+        "jump": ([row.jump for row in rows], "jump of the orbit, in units of the section"),
     }
     if parameter != "spin":
-        columns[parameter] = Column([row.value for row in rows], PARAMETERS[parameter])
+        columns[parameter] = ([row.value for row in rows], PARAMETERS[parameter])
     table = dataset([row.orbit for row in rows], "point", columns)
     table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
     return table.set_coords(parameter)

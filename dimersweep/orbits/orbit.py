@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.tables import column, fixed_coordinates
+from dimersweep.cubes.cube import column, fixed_coordinates
 from dimersweep.inputs import check_count
-from dimersweep.kernel.model.layout import DI_ENDS, State
+from dimersweep.kernel.model.layout import CODE_WORDS, State
 from dimersweep.orbits.manifold import SlowMotion, multipliers_of, slow_motion_at
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, strike_of
@@ -228,25 +228,12 @@ class PeriodicOrbit:
         return replace(run, start=start)
 
     def plot(self, path: str | PathLike[str] | None = None, *, force: bool = False, **look: "Unpack[Look]") -> "Figure":
-        """Heights, path and phase portraits of a run that starts on the orbit, as `Run.plot` draws them.
-
-        Parameters
-        ----------
-        path : path-like, optional
-            Picture to write.
-        force : bool
-            Whether `path` may be replaced.
-        **look : see `dimersweep.plots.Look`
+        """Heights, path and phase portraits of a run that starts on the orbit, as by `Run.plot`.
 
         Raises
         ------
         ParameterError, StoreError
             If the picture cannot be written.
-
-        Examples
-        --------
-        >>> from dimersweep import orbits
-        >>> figure = orbits.find(spin=100.0).plot("orbit.png", force=True)
         """
         told = f"{'stable' if self.stable else 'unstable'} orbit of spin {self.spin:.6g} rad/s"
         heading = f"{told}: {conditions(self.parameters, START, tex=True)}"
@@ -291,24 +278,7 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
 
 # --- orbits as labelled data -----------------------------------------------------------------------------------------
 
-
-class Column(NamedTuple):
-    """A column of a table of orbits.
-
-    Attributes
-    ----------
-    entries : list
-        One an orbit, or a row of numbers.
-    said : Quantity or str
-        What they are.
-    words : sequence of str
-        All that they may be, if they are words of a fixed set.
-    """
-
-    entries: Any
-    said: Quantity | str
-    words: Sequence[str] = ()
-
+Column = tuple[Any, ...]  # entries, one an orbit or a row of numbers; what they are; and, of a flag, its words
 
 MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
 COLUMNS = {
@@ -325,7 +295,6 @@ TEXTS = {
     "di_end": QUANTITIES["di_end"],
     "word": Quantity("1", "sequence of contact states"),
 }
-WORDS = {"di_end": DI_ENDS}
 ATTRIBUTE_OF = {"word": "sequence"}  # attributes of an orbit whose columns have other names, those of former files
 DOUBLING = Quantity("1", "coefficient of the flip: a stable orbit of twice the period begins where it is positive")
 MULTIPLIERS = {
@@ -349,14 +318,14 @@ def multiplier_columns(dims: Sequence[str], rows: np.ndarray) -> dict[str, xr.Va
 
 def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Mapping[str, Column] = {}) -> xr.Dataset:
     """The attributes of orbits along `dim`, and `more` columns; parameters that all share are scalar coordinates."""
-    columns = {
-        name: Column([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said, WORDS.get(name, ()))
+    columns: dict[str, Column] = {
+        name: ([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said, CODE_WORDS.get(name, ()))
         for name, said in (COLUMNS | TEXTS).items()
     }
     table = xr.Dataset()
-    for name, (entries, said, words) in (columns | dict(more)).items():
+    for name, (entries, *said) in (columns | dict(more)).items():
         values = np.array(entries, dtype=float if name in COLUMNS else None)
-        table[name] = column((dim, "number")[: values.ndim], values, said, words)
+        table[name] = column((dim, "number")[: values.ndim], values, *said)
     rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
     table = table.assign(multiplier_columns((dim, "multiplier"), rows))
     shared = dict(orbits[0].parameters) if orbits else {}

@@ -206,9 +206,9 @@ def border_curve(
     rows = [*back[::-1], (begin, ""), *on]
     all_found = [place.found for place, _ in rows]
     meets = "the two borders that meet there, or the parameter in which the curve turns"
-    columns = {
-        other: Column([one.orbit.parameters[other] for one in all_found], PARAMETERS[other]),
-        "meets": Column([special for _, special in rows], meets),
+    columns: dict[str, Column] = {
+        other: ([one.orbit.parameters[other] for one in all_found], PARAMETERS[other]),
+        "meets": ([special for _, special in rows], meets),
     }
     table = curve.table(all_found, "point", columns | Curve.columns(curve, all_found))
     return table.assign_attrs(other=other, ends=[before, after]).set_coords([parameter, other])

@@ -74,11 +74,10 @@ class SequenceCurve(Curve, of=Change):
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
         sequences = "what goes (-) and comes (+) in the sequence beyond: symbols, or pairs of them (a/b)"
         changes = [one.sides.described(one.orbit.sequence) if one.sides else "" for one in found]
-        columns = super().columns(found) | {"change": Column(changes, sequences)}
+        columns = super().columns(found) | {"change": (changes, sequences)}
         if most := max(len(one.several) for one in found):
             values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found])
-            said = f"{self.parameter} of all such changes along the branch of the stable orbit"
-            columns["several"] = Column(values, said)
+            columns["several"] = (values, f"{self.parameter} of all such changes along the branch of the stable orbit")
         return columns
 
     def _from(self, orbit: PeriodicOrbit) -> Found:

@@ -256,5 +256,5 @@ class StabilityCurve(Curve, of=StabilityEnd):
         return Found(orbit_of(at.fixed), at.value, at)
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
-        ends = Column([one.by for one in found], "kind of border by which the stability ends", kind_words())
+        ends = ([one.by for one in found], "kind of border by which the stability ends", kind_words())
         return super().columns(found) | {"ends_by": ends}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.tables import column, fixed_coordinates
+from dimersweep.cubes.cube import column, fixed_coordinates
 from dimersweep.errors import OrbitError
 from dimersweep.inputs import check_rtol
 from dimersweep.orbits.families import BEGIN_AT, spin_range
@@ -126,8 +126,8 @@ def _rows(flow: SlowFlow, f: float) -> Iterator[tuple[PeriodicOrbit, tuple[Any, 
 def _dataset(flow: SlowFlow, given: dict[str, float], recorder: Recorder, rtol: float) -> xr.Dataset:
     """What was found, as labelled data."""
     found = sorted(_rows(flow, given["f"]), key=lambda one: one[0].spin)
-    columns = {
-        name: Column([row[k] for _, row in found], said, SPIN_KINDS if name == "kind" else ())
+    columns: dict[str, Column] = {
+        name: ([row[k] for _, row in found], said, SPIN_KINDS if name == "kind" else ())
         for k, (name, said) in enumerate(MEANINGS.items())
     }
     table = dataset([orbit for orbit, _ in found], "sustained", columns).drop_vars("cost")

@@ -9,7 +9,7 @@ from zlib import crc32
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.tables import column
+from dimersweep.cubes.cube import column
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.compiler.jit import plain
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, N_F
@@ -225,7 +225,7 @@ def _states(row: np.ndarray, times: np.ndarray, kernel_states: np.ndarray, modes
         "contact_state": code_of(modes[:, 0], modes[:, 1]),
     }
     return _dataset(columns, STATE_QUANTITIES, "time").assign_coords(
-        time=("time", times, EVENT_QUANTITIES["time"].attributes())
+        time=column("time", times, EVENT_QUANTITIES["time"])
     )
 
 

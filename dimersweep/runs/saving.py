@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import PACKED
-from dimersweep.cubes.tables import fixed_coordinates
+from dimersweep.cubes.cube import PACKED, fixed_coordinates
 from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import N_START

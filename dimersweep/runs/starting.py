@@ -14,16 +14,7 @@ from dimersweep.kernel.model.body import dimer_of, rise_at
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, N_STATE, Dimer, State
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import dimer_from
-from dimersweep.symbols import (
-    BASE,
-    FORMER_NAMES,
-    HIGHER,
-    INSTEAD,
-    LEFT_OUT,
-    PARAMETERS,
-    STAND_INS,
-    STATE_QUANTITIES,
-)
+from dimersweep.symbols import BASE, FORMER_NAMES, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, STAND_INS, STATE_QUANTITIES
 
 CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]
 GAPS_AGREE = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import coordinate
+from dimersweep.cubes.cube import column, coordinate, fixed_coordinates, without_fill
 from dimersweep.cubes.grid import axis_values, make_points
 from dimersweep.cubes.results import Field
-from dimersweep.cubes.tables import column, fixed_coordinates, without_fill
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
 from dimersweep.kernel.model.layout import CODE_N_PERIODS, M_NOT_RUN, MODES, WAVES
@@ -41,6 +40,7 @@ from dimersweep.work.options import make_options
 
 STARTING = (*START, "phi0")  # parameters that starts are drawn from
 NONE = -1  # in place of the number of a start
+FATES = ("none", *SPIN_KINDS, *MODES[1:])  # of a spin that stays somewhere, or of a motion that leaves its family
 OF_AN_ORBIT = tuple(name for name in COLUMNS if name != "cost")  # numbers of an orbit that each attractor has
 
 
@@ -415,12 +415,7 @@ _READ: dict[str, Any] = {
 } | {name: (COLUMNS[name], nan, partial(_of_orbit, name)) for name in OF_AN_ORBIT}
 # with `slow`
 _FATE: dict[str, Any] = {
-    "fate": (
-        "how the spin stays where it comes to",
-        "none",
-        lambda one: one.fate.kind if one.fate else "none",
-        ("none", *SPIN_KINDS, *MODES[1:]),
-    ),
+    "fate": ("how the spin stays where it comes to", "none", lambda one: one.fate.kind if one.fate else "none", FATES),
     "spin_low": (MEANINGS["spin_low"], nan, lambda one: one.fate.low if one.fate else nan),
     "spin_high": (MEANINGS["spin_high"], nan, lambda one: one.fate.high if one.fate else nan),
 }

@@ -15,8 +15,8 @@ import numpy as np
 import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict
 
+from dimersweep.cubes.cube import column, without_fill
 from dimersweep.cubes.grid import axis_values, evenly
-from dimersweep.cubes.tables import column, without_fill
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.inputs import check_count
 from dimersweep.kernel import kernel_version
@@ -33,7 +33,7 @@ from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.storage.store import Store, StoredTile, finished_at, opened_store
 from dimersweep.studies.declared import read_sections
-from dimersweep.symbols import PARAMETERS, START
+from dimersweep.symbols import PARAMETERS, START, Quantity
 from dimersweep.work.computing import settle_way
 
 Tell = Callable[[str], None]
@@ -313,10 +313,8 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
         table["ball"] = ball.broadcast_like(table[curves.parameter])
     else:
         table["ball"] = xr.full_like(table[curves.parameter], np.nan)
-    table["ball"].attrs = {
-        "units": "1",
-        "long_name": "this border of a ball that bounces once a period, in closed form",
-    }
+    said = Quantity("1", "this border of a ball that bounces once a period, in closed form")
+    table["ball"].attrs = said.attributes()
     return table
 
 

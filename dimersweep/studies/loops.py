@@ -9,19 +9,18 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import variable
+from dimersweep.cubes.cube import column, variable
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.cubes.results import runs
-from dimersweep.cubes.tables import column
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, CODE_N_PERIODS
 from dimersweep.parameters import fill_rows
+from dimersweep.runs.accessor import is_of_this_kernel
 from dimersweep.runs.behind import behind
 from dimersweep.runs.carrying import carried
 from dimersweep.runs.solving import Solved
-from dimersweep.studies.accessor import is_of_this_kernel
 from dimersweep.studies.deciding import OPEN
 from dimersweep.studies.making import in_memory
 from dimersweep.studies.observers import EndStates

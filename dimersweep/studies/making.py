@@ -16,6 +16,7 @@ import xarray as xr
 from dimersweep.cubes.cube import flatten, signed
 from dimersweep.cubes.results import Finished, Tile, chunks, common, failed, not_ok, not_run, pieces
 from dimersweep.errors import ParameterError, Stopped, StoreError
+from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.checking import check_unchanged, checksum_of
 from dimersweep.storage.cubefiles import open_cube, write_cube
 from dimersweep.storage.files import disk_errors
@@ -23,7 +24,6 @@ from dimersweep.storage.formats import format_of
 from dimersweep.storage.outputs import check_output
 from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
-from dimersweep.studies import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.studies.study import Batch, Study
 from dimersweep.work.computing import Crew, settle_way
 from dimersweep.work.options import IN_PASSING, Given, Options, make_options

@@ -246,7 +246,6 @@ def study_of(coarse: Search, halvings: Mapping[str, int], between: Sequence[str]
     )
 
 
-@with_options
 def refine(
     grid: Mapping[str, Any],
     fixed: Mapping[str, Any] | None = None,
@@ -309,3 +308,6 @@ def refine(
     settings: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
     coarse = search.study_of(grid, fixed, over=over, ask=ask, mode=mode, observe=observe, **settings)
     return make_cube(study_of(coarse, halvings, between), **options)
+
+
+refine.__signature__ = with_options(refine)  # type: ignore[attr-defined]

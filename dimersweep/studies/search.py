@@ -260,7 +260,6 @@ def study_of(
     return Search(grid=others, how=settings, observers=(*observers, *own), question=question)
 
 
-@with_options
 def search(
     grid: Mapping[str, Any],
     fixed: Mapping[str, Any] | None = None,
@@ -349,3 +348,6 @@ def search(
     asked: dict[str, Any] = {"over": over, "ask": ask, "mode": mode, "orbit_periods": orbit_periods, "paths": paths}
     study = study_of(grid, fixed, **asked, observe=observe, periods=periods, max_periods=max_periods, rtol=rtol)
     return make_cube(study, **options)
+
+
+search.__signature__ = with_options(search)  # type: ignore[attr-defined]

@@ -56,7 +56,6 @@ def study_of(
     return Study(grid=grid, how=settings, observers=(*seen, *own))
 
 
-@with_options
 def sweep(
     grid: Mapping[str, Any] | None = None,
     fixed: Mapping[str, Any] | None = None,
@@ -170,6 +169,9 @@ def sweep(
     how |= {"certify": certify, "strobes": strobes, "carry": carry, "sustained": sustained}
     study = study_of(grid, fixed, points=points, observe=observe, **how)
     return make_cube(study, **options)
+
+
+sweep.__signature__ = with_options(sweep)  # type: ignore[attr-defined]
 
 
 def bifurcation(

@@ -1,11 +1,11 @@
 """How a study is run, but none of its numbers: who runs the points, where results go, what is taken from other cubes."""
 
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields
-from inspect import Parameter, signature
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Any, TypedDict, TypeVar, Unpack
+from typing import Any, TypedDict, Unpack
 
 from dask.system import CPU_COUNT
 
@@ -31,9 +31,6 @@ class Given(TypedDict, total=False):
     keep_tiles: bool
 
 
-Function = TypeVar("Function", bound=Callable[..., Any])
-
-
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """How a study is run: what `sweep` takes besides the study, checked; get one from `make_options`."""
@@ -50,17 +47,14 @@ class Options:
     retry: bool = False
 
 
-def with_options(function: Function) -> Function:
-    """Name each of the options in the signature of a function that takes them as keywords."""
+def with_options(function: Any) -> Signature:
+    """The signature of a function that takes the options as keywords, each of them named."""
     own = signature(function)
     shown = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
-    defaults = {each.name: None if each.default is MISSING else each.default for each in fields(Options)}
-    shown += [
-        Parameter(name, Parameter.KEYWORD_ONLY, default=defaults[name], annotation=kind)
-        for name, kind in Given.__annotations__.items()
-    ]
-    function.__signature__ = own.replace(parameters=shown)  # type: ignore[attr-defined]
-    return function
+    usual = {each.name: each.default for each in fields(Options)} | {"workers": None, "attrs": None}
+    kinds = Given.__annotations__.items()
+    shown += [Parameter(name, Parameter.KEYWORD_ONLY, default=usual[name], annotation=kind) for name, kind in kinds]
+    return own.replace(parameters=shown)
 
 
 IN_PASSING = Options(workers=1, progress=False)  # for a part that is run by the way

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from html import escape
-from math import inf
 from time import perf_counter
 
 from rich.console import Console
@@ -83,11 +82,6 @@ class Tally:
             return "-:--:--"
         return clock(left * self.seconds / max(1, self.timed) / workers)
 
-    def line(self) -> str:
-        """How far it is, in one line."""
-        share = f"{self.done}/{self.total} points, {100 * self.done // self.total} %"
-        return f"{share}, elapsed {self.elapsed}, left {self.time_left()}: {self.words()}"
-
     def words(self) -> str:
         """Such as ``drift 512, rest 30``, the most frequent first."""
         return ", ".join(f"{mode} {count}" for mode, count in self.modes.most_common())
@@ -99,22 +93,23 @@ def clock(seconds: float) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
 
-def now_and_then(seconds: float, write: Callable[[Tally], None], last: float = -inf) -> Callable[[Tally], None]:
-    """Shows a `Tally` by `write`, at most once in so many seconds since `last`, and at the end."""
+def in_lines(
+    write: Callable[[str, Tally], None] = lambda line, _: print(line, file=sys.stderr, flush=True),
+    seconds: float = LINE_SECONDS,
+) -> Callable[[Tally], None]:
+    """Shows a `Tally` by a line at most once in so many seconds, and at the end; by default on stderr, for logs."""
+    last = perf_counter()
 
     def show(tally: Tally) -> None:
         nonlocal last
         now = perf_counter()
-        if now - last >= seconds or tally.done >= tally.total:
-            last = now
-            write(tally)
+        if now - last < seconds and tally.done < tally.total:
+            return
+        last = now
+        share = f"{tally.done}/{tally.total} points, {100 * tally.done // tally.total} %"
+        write(f"{share}, elapsed {tally.elapsed}, left {tally.time_left()}: {tally.words()}", tally)
 
     return show
-
-
-def print_line(tally: Tally) -> None:
-    """Show a `Tally` on stderr by a plain line, for logs."""
-    print(tally.line(), file=sys.stderr, flush=True)
 
 
 def notebook_bar() -> Callable[[Tally], None] | None:
@@ -124,13 +119,12 @@ def notebook_bar() -> Callable[[Tally], None] | None:
         return None
     from IPython.display import HTML, display
 
-    shown = display(HTML(""), display_id=True)
+    shown = display(HTML("<progress value=0></progress>"), display_id=True)
 
-    def write(tally: Tally) -> None:
-        bar = f'<progress value="{tally.done}" max="{tally.total}" style="width: 20em"></progress>'
-        shown.update(HTML(f"{bar} {escape(tally.line())}"))
+    def write(line: str, tally: Tally) -> None:
+        shown.update(HTML(f'<progress value="{tally.done}" max="{tally.total}"></progress> {escape(line)}'))
 
-    return now_and_then(BAR_SECONDS, write)
+    return in_lines(write, BAR_SECONDS)
 
 
 def report_compiling() -> None:
@@ -156,15 +150,11 @@ def watch(total: int, before: Mapping[str, int], workers: Callable[[], int], *, 
     if not show:
         yield Tally(total, before, workers)
         return
-    if bar := notebook_bar():
-        tally = Tally(total, before, workers, bar)
-        bar(tally)
-        yield tally
-        return
-    if not console.is_terminal:
+    bar = notebook_bar()
+    if bar or not console.is_terminal:
         if done := sum(before.values()):
             print(f"going on: {done} of {total} points are done", file=sys.stderr, flush=True)
-        yield Tally(total, before, workers, now_and_then(LINE_SECONDS, print_line, perf_counter()))
+        yield Tally(total, before, workers, bar or in_lines())
         return
     left = TextColumn("{task.fields[left]}", style="progress.remaining")
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("points"), left, TextColumn("{task.description}"))

@@ -1,6 +1,7 @@
 """What a result can do: ``cube.dimersweep.run(f=15, beta0="16 deg")``, ``branch.dimersweep.plot()``, ``.to_dataframe()``."""
 
 import warnings
+from collections.abc import Callable
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dimersweep.plots.style import Look
+
+
+DRAW_TABLE: list[Callable[..., Any]] = []  # what draws tables of orbits, which that room enters here
 
 
 def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
@@ -98,13 +102,6 @@ class DatasetAccessor:
 
         What a point has along a dimension of its own is in columns such as `multipliers_real_0`. Fixed parameters are left
         out, and what lies along other dimensions, as the meetings of borders do; points are where the first variable is.
-
-        Examples
-        --------
-        >>> from dimersweep import bifurcation
-        >>> cube = bifurcation({"Gamma": [0.6, 0.9]}, periods=60, strobes=2, progress=False)
-        >>> cube[["mode", "strobe_gap_2"]].dimersweep.to_dataframe().columns.tolist()
-        ['mode', 'strobe_gap_2_0', 'strobe_gap_2_1']
         """
         data = names(self._data)
         dims = next(iter(data.data_vars.values())).dims
@@ -218,15 +215,15 @@ class DatasetAccessor:
         ParameterError
             If the data cannot be drawn so.
         """
-        from dimersweep.orbits.pictures import draw_borders
         from dimersweep.plots import attractors, check_picture, draw, write_picture
 
         if path is not None:
             check_picture(path, force=force, name="picture")
-        if self._is_cube or kind or quantity:
+        drawing = [attractors] if "attractor" in self._data.variables else DRAW_TABLE
+        if self._is_cube or kind or quantity or not drawing:
             figure = draw(self._cube, kind, quantity=quantity, **look)
         else:
-            figure = (attractors if "attractor" in self._data.variables else draw_borders)(self._data, **look)
+            figure = drawing[0](self._data, **look)
         if path is not None:
             write_picture(figure, path, force=force)
         return figure
