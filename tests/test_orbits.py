@@ -209,13 +209,6 @@ def test_a_dimer_that_is_thrown_off_from_rest_once_a_period_repeats_after_one():
         orbits.find(**thrown, periods=2)
 
 
-def test_former_names_of_the_symbol_sequence_warn(base):
-    with pytest.deprecated_call(match="PeriodicOrbit.sequence now"):
-        assert base.word == base.sequence
-    with pytest.deprecated_call(match="is sequences now"):
-        orbits.follow(base, "Gamma", to=0.89, points=2, words=False)
-
-
 @pytest.mark.parametrize("given", [{"spin": 100.0}, {"spin": 100.0, "Gamma": 1.6}])
 def test_an_orbit_shows_itself_in_a_notebook(given, tmp_path):
     orbit = orbits.find(**given)

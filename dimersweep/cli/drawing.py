@@ -10,7 +10,7 @@ import typer
 
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Force, argument, number_option, option
-from dimersweep.cli.printing import Printer, number_or_none, telling
+from dimersweep.cli.printing import Printer, telling
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.symbols import ORBIT_NAMES, PARAMETERS, PICTURE_KINDS, QUANTITIES, given
 
@@ -226,9 +226,7 @@ def _print_loops(tell: Printer, cube: "xr.Dataset") -> None:
         where = ", ".join(given(name, value) for name, value in at.items())
         ends = " to ".join(_end(loop, which) for which in ("low", "high"))
         tell(f"{where + ': ' if where else ''}up and down differ from {axis} = {ends}")
-        rows.append(
-            at | {name: number_or_none(loop[name].item()) for name in ("low", "low_error", "high", "high_error")}
-        )
+        rows.append(at | {name: loop[name].item() for name in ("low", "low_error", "high", "high_error")})
     tell(loops=rows, loops_along=axis)
 
 

@@ -3,18 +3,12 @@
 import inspect
 from collections.abc import Callable, Iterable
 from functools import wraps
-from math import isfinite
 from typing import Annotated, Any
 
 import typer
 
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, option
-
-
-def number_or_none(value: Any) -> Any:
-    """A value as JSON can hold it, which has no NaN and no infinity."""
-    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 class Printer:
@@ -48,17 +42,17 @@ class Printer:
         told = self.told[name] = []
         table = Table(*(f"{head} \\[{unit}]" if unit else head for head, unit in units.items()))
         for row in rows:
-            told.append(dict(zip(units, map(number_or_none, row), strict=True)))
+            told.append(dict(zip(units, row, strict=True)))
             table.add_row(*(f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row))
         if self.shown:
             Console().print(table)
 
     def end(self) -> None:
-        """Print what was told, if it was to be JSON."""
+        """Print what was told, if it was to be JSON, which has no NaN and no infinity: null stands for them."""
         if self.json:
-            from json import dumps
+            from json import dumps, loads
 
-            typer.echo(dumps(self.told, indent=1))
+            typer.echo(dumps(loads(dumps(self.told), parse_constant=lambda constant: None), indent=1))
 
 
 def telling(command: Callable[..., None]) -> Callable[..., None]:

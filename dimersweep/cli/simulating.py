@@ -85,12 +85,10 @@ def simulate(
 
 def _as_dict(run: "Run") -> dict[str, Any]:
     """What came out of `run`, as JSON can hold it."""
-    names = ("status", "message", "mode", "mode_period", "track", "n_events", "n_periods", "end_speed")
-    numbers = {name: getattr(run, name) for name in RUN_COLUMNS}
+    names = ("status", "message", "mode", "mode_period", "track", "n_events", "n_periods", "end_speed", *RUN_COLUMNS)
     return {
         "parameters": stated(run.parameters),
         **{name: getattr(run, name) for name in names},
-        **{name: None if isnan(value) else value for name, value in numbers.items()},
         "orbit": None if isinstance(run.orbit, Absent) else asdict(run.orbit),
     }
 

@@ -1,6 +1,5 @@
 """Follow an orbit along a branch, through folds, with its stability, its sequences and its special points."""
 
-import warnings
 from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
@@ -23,7 +22,6 @@ from dimersweep.parameters import check_effect, check_name, value_of
 from dimersweep.symbols import PARAMETERS
 
 BEYOND_SEQUENCE = "word: the orbit does not go on beyond its sequence; the next one found has the sequence"
-FORMER_WORDS = "words of orbits.follow is sequences now; the former name goes with the next release"
 MIRRORED = "plane: the spin is zero; beyond lies the mirror image of the branch"
 LEAST_SCALE = 1e-3  # of a parameter, where it and its target are both near zero
 
@@ -45,7 +43,6 @@ def follow(
     points: int = 200,
     switch: bool = False,
     sequences: bool = True,
-    words: bool | None = None,
     sustained: bool = False,
 ) -> xr.Dataset:
     """The branch of an orbit in a parameter or the spin, by pseudo-arclength steps, through folds.
@@ -64,8 +61,6 @@ def follow(
         Whether to leave the branch at its first flip for that of twice the period.
     sequences : bool
         Whether changes of the symbol sequence are located.
-    words : bool, optional
-        Former name of `sequences`.
     sustained : bool
         Whether the spin is free, and is all along the branch one at which nothing drifts; the first is found from the orbit.
 
@@ -89,9 +84,6 @@ def follow(
     >>> bool(branch["stable"].all())
     True
     """
-    if words is not None:
-        warnings.warn(FORMER_WORDS, DeprecationWarning, stacklevel=2)
-        sequences = words
     rows, end, cost = traced(orbit, parameter, to, check_count("points", points), switch, sequences, sustained)
     kinds, allowed = [row.kind for row in rows], kind_words()
     special = [("word" if kind.of_sequence else kind.name) if kind else "none" for kind in kinds]

@@ -1,6 +1,5 @@
 """An orbit: the fixed point of the fast part at a given spin, and all that follows from it."""
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 
     from dimersweep.plots.style import Look
 
-FORMER_WORD = "PeriodicOrbit.word is PeriodicOrbit.sequence now; the former name goes with the next release"
 SHOWN_PERIODS = 12  # of an orbit in its picture: one that is unstable has not left it yet
 CIRCLE = 1e-12  # turn of a period [rad] that is none
 CHORDS = 16  # parts of a forcing period: with these the radius of the base case's path is known to 1e-6 m
@@ -190,12 +188,6 @@ class PeriodicOrbit:
     def path_speed(self) -> float:
         """Speed along the mean path of the centre of mass [m s-1]."""
         return self.path.speed
-
-    @property
-    def word(self) -> str:
-        """Former name of `sequence`."""
-        warnings.warn(FORMER_WORD, DeprecationWarning, stacklevel=2)
-        return self.sequence
 
     def run(self, periods: int = 100, rtol: float = 1e-8, record: bool = True) -> Run:
         """A run that starts on the orbit, at the plate's phase `phi0` of the parameters.
