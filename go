@@ -67,7 +67,7 @@ with_extra() {
     PATH="$folder/bin:$PATH" "${@:2}"
 }
 
-# the cubes of the small presets, where notebooks look for them
+# the cubes of the small presets, where tests look for them
 make_small_cubes() {
     export DIMERSWEEP_CUBES=$scratch
     step "$@" python -m tests.checks.small_cubes "$scratch"
@@ -116,8 +116,6 @@ test)
     ;;
 docs)
     set_up ".[docs]"
-    make_scratch
-    make_small_cubes
     build_site
     ;;
 matrix)

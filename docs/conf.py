@@ -1,11 +1,15 @@
 """How Sphinx builds the site: ``./go docs``."""
 
 import shutil
+from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from docutils import nodes
+from jupyter_cache.executors import utils as executing
 from sphinx.ext import autosummary
+from sphinx.util import logging
 
 import dimersweep
 
@@ -39,7 +43,8 @@ nb_execution_excludepatterns = ["notebooks/*"]  # a test compares what is stored
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
 nb_execution_timeout = 600  # seconds for a cell, on a machine that does other work
-nb_merge_streams = True
+# what a command prints comes in pieces, which are one text again: nb_merge_streams would break a line between them
+executing.executenb = partial(executing.executenb, coalesce_streams=True)
 nb_render_markdown_format = "myst"
 
 autosummary_generate = True
@@ -77,7 +82,23 @@ def home_of(app, module, name):
     return getattr(getattr(import_module(module), name.split(".")[0], None), "__module__", None)
 
 
+def add_thumbnails(app, doctree, docname):
+    """Put before each link of a section "By question" the first picture of the section that it leads to."""
+    for section in doctree.findall(lambda node: isinstance(node, nodes.section) and "by-question" in node["ids"]):
+        for link in section.findall(nodes.reference):
+            link.insert(0, next(doctree.ids[link["refid"]].findall(nodes.image)).deepcopy())
+
+
+def check_alts(app, doctree, docname):
+    """Warn of a picture that does not tell in words what is seen, those that cells draw among them."""
+    for image in doctree.findall(nodes.image):
+        if not image.get("alt"):
+            logging.getLogger(__name__).warning("a picture has no alt text", location=image)
+
+
 def setup(app):
     """What Sphinx calls."""
+    app.connect("doctree-resolved", add_thumbnails)
+    app.connect("doctree-resolved", check_alts)
     app.connect("viewcode-follow-imported", home_of)
     app.connect("build-finished", copy_mathjax)

@@ -42,13 +42,21 @@ def test_every_figure_of_a_notebook_is_a_picture(path):
     assert figures and all("image/png" in each for each in figures)
 
 
+@pytest.mark.parametrize("path", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_a_notebook_asks_a_question_says_how_to_open_it_and_ends_with_exercises(path):
+    first, *_, last = nbformat.read(path, as_version=4).cells
+    title, *_ = first.source.splitlines()
+    assert title.startswith("# ") and title.endswith("?")
+    assert "pip install '.[notebooks]'" in first.source and f"notebooks/{path.name}" in first.source
+    assert last.source.startswith("## Exercises\n") and re.findall(r"^(\d)\. ", last.source, re.MULTILINE) == ["1", "2"]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
-    [("figures", 8), ("datasets", 8), ("imperfect", 4), ("orbits", 2), ("observers", 2), ("slow_time", 3)],
+    [("figures", 8), ("which_walk", 7), ("imperfect", 4), ("orbits", 2), ("observers", 2), ("slow_time", 3)],
 )
-def test_a_notebook_gives_what_is_stored_in_it(name, least, maker, small_cubes, monkeypatch):
-    monkeypatch.setenv("DIMERSWEEP_CUBES", str(small_cubes))
+def test_a_notebook_gives_what_is_stored_in_it(name, least, maker):
     path = ROOT / "notebooks" / f"{name}.ipynb"
     assert path in maker.NOTEBOOKS
     stored, fresh = list(shown(nbformat.read(path, as_version=4))), list(shown(maker.executed(path)))

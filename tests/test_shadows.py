@@ -236,6 +236,6 @@ def test_the_command_line_tells_it(call, coarse):
 def test_the_examples_of_the_page_run(empty_folder, capsys):
     page = (Path(__file__).parents[1] / "docs" / "trust.md").read_text(encoding="utf-8")
     names = {}
-    for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL):
+    for block in re.findall(r"```\{code-cell\} ipython3\n(.*?)```", page, re.DOTALL):
         exec(compile(block, "trust.md", "exec"), names)
     assert "certain" in capsys.readouterr().out
