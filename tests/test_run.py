@@ -347,11 +347,12 @@ def test_a_run_that_failed_has_states_up_to_its_last_event(base):
 def test_data_have_units_and_meanings(base):
     for dataset in (base.events, base.states([0.0, 1.0])):
         for name, variable in dataset.variables.items():
-            assert variable.attrs["units"], name
+            assert ("units" in variable.attrs) == ("flag_meanings" not in variable.attrs), name
             assert variable.attrs["long_name"], name
     contact = base.states(0.0)["contact_state"]
     assert contact.dtype == np.int8
-    assert len(contact.attrs["flag_values"]) == len(contact.attrs["flag_meanings"].split()) == 9
+    assert contact.attrs["flag_meanings"].split() == list(CONTACT_STATES)
+    assert contact.attrs["flag_values"].tolist() == list(range(25))
 
 
 def test_a_run_stops_when_settled():
