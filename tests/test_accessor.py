@@ -134,5 +134,8 @@ def test_the_run_behind_a_point_of_another_kernel_says_so(cube, monkeypatch):
 
 
 def test_other_datasets_have_no_such_thing():
-    with pytest.raises(ParameterError, match="no cube of dimersweep"):
-        _ = xr.Dataset({"a": 1}).dimersweep
+    other = xr.Dataset({"a": 1}).dimersweep
+    for asked in (other.drifts, other.modes, other.at, other.run):
+        with pytest.raises(ParameterError, match="no cube of dimersweep"):
+            asked()
+    assert repr(other).startswith("<xarray.Dataset>") and "xarray" in other._repr_html_()

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 
-from dimersweep import attractors, orbits, plots, simulate, sweep
+from dimersweep import attractors, names, orbits, plots, simulate, sweep
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.orbits.features import (
     ALIKE_WITHIN,
@@ -138,8 +138,8 @@ def test_the_base_case_rests_or_drifts_as_a_sweep_of_the_same_starts_says(base):
     cube = sweep(points=columns, periods=300, progress=False)
     modes = cube.dimersweep.modes().values
     assert base.attrs["cost"] == cube["n_periods"].sum()
-    assert base["mode"].values.tolist() == ["rest", "drift"]
-    assert (base["mode"].values[base["basin"].values - 1] == modes).all()
+    assert names(base["mode"]).values.tolist() == ["rest", "drift"]
+    assert (names(base["mode"]).values[base["basin"].values - 1] == modes).all()
     assert base["count"].values.tolist() == [(modes == mode).sum() for mode in ("rest", "drift")]
     assert_allclose(base["share"], base["count"] / 60)
     for end in (base["share_low"], base["share_high"]):  # Wilson's score test just accepts them
@@ -188,7 +188,7 @@ def test_at_one_set_of_parameters_five_attractors_are_told_apart_and_stay():
     kept = found.sel(attractor=found["confirmed"] & (found["periods"] > 0))
     assert kept.sizes["attractor"] >= 5
     assert {1, 2, 3} <= set(kept["periods"].values.tolist())
-    assert found["confirmed"].sel(attractor=found["mode"] == "rest").all()
+    assert found["confirmed"].sel(attractor=names(found["mode"]) == "rest").all()
     slow = found.sel(attractor=found["orbit"] & ~found["stable"])  # a slow transient beside an orbit that is unstable
     assert not slow["confirmed"].any()
 
@@ -221,7 +221,7 @@ def test_over_a_parameter_a_family_whose_sequence_changes_keeps_its_number():
     fixed = {name: value for name, value in SEQUENCES_OF_UNLIKE.items() if name != "Gamma"}
     starts = {name: column[-4:] for name, column in STARTS_OF_UNLIKE.items()}
     found = attractors(points=starts, fixed=fixed, over={"Gamma": [0.9, 1.0]}, periods=300, progress=False)
-    drifts = found.sel(attractor=(found["mode"] == "drift").any("Gamma"))
+    drifts = found.sel(attractor=(names(found["mode"]) == "drift").any("Gamma"))
     assert drifts.sizes["attractor"] == 2
     assert (drifts["count"] > 0).all()
     sequence = drifts["word"].isel(attractor=0).values
@@ -232,7 +232,7 @@ def test_over_a_parameter_a_family_whose_sequence_changes_keeps_its_number():
 def test_shares_of_two_thousand_drawn_angles_are_those_of_the_fine_grid():
     over, angles = {"f": [15, 20, 25]}, {"beta0": ("0.01 deg", "89.99 deg")}
     found = attractors(angles, starts=2000, seed=7, over=over, periods=400, progress=False)
-    walk = found.sel(attractor=found["attractor"][(found["mode"] == "drift").all("f")].item())
+    walk = found.sel(attractor=found["attractor"][(names(found["mode"]) == "drift").all("f")].item())
     grid = np.array([0.194, 0.278, 0.250])  # of the 4,499 angles of sweeps/fig07.toml
     assert (walk["share_low"].values < grid).all()
     assert (grid < walk["share_high"].values).all()
@@ -241,13 +241,14 @@ def test_shares_of_two_thousand_drawn_angles_are_those_of_the_fine_grid():
 def test_over_the_intensity_the_drift_appears_at_the_fold_and_goes_at_the_flip_where_that_of_period_2_begins(
     over_gamma,
 ):
-    modes = over_gamma["mode"].where(over_gamma["count"] > 0, "")
+    modes = names(over_gamma["mode"])
+    assert ((modes == "not_run") == (over_gamma["count"] == 0)).all()
     drifts = int(over_gamma["attractor"][(modes == "drift").any("Gamma")][0])
     assert (over_gamma["count"].sel(attractor=drifts) > 0).values.tolist() == [False, True, True, False]
     told = {
         (int(number), str(what)): (float(border), str(kind))
         for number, what, border, kind in zip(
-            *(over_gamma[name].values for name in ("changed", "what", "border", "border_kind")), strict=True
+            *(names(over_gamma)[name].values for name in ("changed", "what", "border", "border_kind")), strict=True
         )
     }
     double = int(over_gamma["attractor"][(over_gamma["periods"] == 2).any("Gamma")][0])
@@ -263,9 +264,13 @@ def test_over_the_intensity_the_drift_appears_at_the_fold_and_goes_at_the_flip_w
 
 
 def test_borders_that_lie_close_share_a_label_and_all_areas_are_named(over_gamma):
-    found = over_gamma.isel(change=[0] * 6).assign(
-        border=("change", [0.9, 0.901, 0.902, 1.0, 1.1, 1.15]),
-        border_kind=("change", ["fold", "flip", "fold", "word", "lost", "flip"]),
+    found = (
+        names(over_gamma)
+        .isel(change=[0] * 6)
+        .assign(
+            border=("change", [0.9, 0.901, 0.902, 1.0, 1.1, 1.15]),
+            border_kind=("change", ["fold", "flip", "fold", "word", "lost", "flip"]),
+        )
     )
     found = found.assign_coords(Gamma=np.linspace(0.8, 1.3, found.sizes["Gamma"]))
     figure = plots.attractors(found)

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 from matplotlib.colors import to_rgb
 
-from dimersweep import orbits
+from dimersweep import names, orbits
 from dimersweep.cli import app
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.kernel.model.layout import MODES
@@ -186,7 +186,7 @@ def test_curves_are_those_of_border(tmp_path):
     ).replace("num = 7", "num = 3")
     made = make_borders(declared_in(tmp_path, text))
     direct = orbits.border("flip", "Gamma", over={"A_r": [6.0], "e": [0.5, 0.6, 0.7]}, spin=100.0)
-    made = made.swap_dims(border="kind")
+    made = names(made).swap_dims(border="kind")
     assert made["Gamma"].sel(kind="flip").values == pytest.approx(direct["Gamma"].values, abs=1e-9)
     assert made["ball"].sel(kind="fold").values[0] == pytest.approx(np.pi * np.array([0.5, 0.4, 0.3]) / [1.5, 1.6, 1.7])
     modes = (("Gamma", "e"), np.full((2, 3), MODES.index("drift")), {"flag_values": range(len(MODES))})
@@ -268,5 +268,5 @@ def test_words_of_all_parts_are_written_whole(tmp_path):
         assert back["status"].values.tolist() == made["status"].values.tolist()
         beyond = "several beyond, of motions that come to no rest"
         assert back["status"].values.ravel().tolist()[:4] == ["ok", "ok", "ok", beyond]
-        ends = back.swap_dims(border="kind").sel(kind="stable_to")
-        assert set(ends["ends_by"].values.ravel()) == {"flip"} and (ends["loses_stability"] == 1).all()
+        ends = names(back).swap_dims(border="kind").sel(kind="stable_to")
+        assert set(ends["ends_by"].values.ravel()) == {"flip"} and ends["loses_stability"].all()

@@ -88,7 +88,7 @@ def test_the_last_moment_of_a_slip_counts():
 
 def test_what_takes_energy_is_below_zero():
     """But at the close of a chatter, whose impulse pulls instead of the hops that it sums."""
-    parts = simulate(mu=0.05, mu_s=0.1, periods=100).energy("event")
+    parts = names(simulate(mu=0.05, mu_s=0.1, periods=100).energy("event"))
     parts = parts.isel(part=np.flatnonzero(parts["cause"] != "chatter_end"))
     tiny = 1e-12
     for end in (1, 2):
@@ -101,7 +101,7 @@ def test_what_takes_energy_is_below_zero():
 def test_restitution_takes_what_the_law_says():
     """Without friction an impact at one end has the rebound e times the approach: (1 - e^2) n^2 / (2 W_nn) is lost."""
     run = simulate(mu=0.0, mu_s=0.0, e=0.7, periods=60)
-    parts, events, dm = run.energy("event"), run.events, dimer_of(run.record("the test").row)
+    parts, events, dm = names(run.energy("event")), names(run.events), dimer_of(run.record("the test").row)
     single = np.flatnonzero(np.isin(events["kind"], ("SI1_sp", "SI2_sp")) & (events["cause"] == "impact"))[1:]
     assert single.size > 50
     checked = 0
@@ -127,7 +127,7 @@ def test_without_loss_restitution_and_slip_take_nothing():
 def test_works_in_contact_are_those_of_the_forces():
     """Forces and velocities of p1 at the places of a quadrature, from `states`, in long phases of a fast slip."""
     run = simulate(mu=0.05, mu_s=0.1, Gamma_x=0.2, periods=8, rtol=1e-12)
-    parts, starts, row = run.energy("event"), run.record("the test").segments, run.record("the test").row
+    parts, starts, row = names(run.energy("event")), run.record("the test").segments, run.record("the test").row
     r, omega = dimer_of(row).p1.r, 2 * pi * run.parameters["f"]
     starts = (starts[:, PERIOD] + starts[:, 0] / (2 * pi)) / run.parameters["f"]
     smooth = parts.isel(part=np.flatnonzero((parts["cause"] == "motion") & (parts["kind"] == "SC1_sp")))
@@ -276,7 +276,7 @@ def test_of_two_ends_down_one_of_which_sticks_only_the_sum_of_axial_forces_is_kn
 def test_an_end_that_lands_was_in_the_air_a_moment_before(scene):
     """An end that rests while the other one lands may rebound within that impact and come back: this is no landing."""
     run = simulate(**scene, periods=60)
-    events = run.events.isel(event=(run.events["cause"] == "impact") & (run.events["time"] > 1e-9))
+    events = run.events.isel(event=(names(run.events["cause"]) == "impact") & (run.events["time"] > 1e-9))
     for end in (1, 2):
         lands = run.section(at=f"landing_{end}")
         assert (lands[f"gap_{end}_rate_before"] < 0).all()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dimersweep import orbits, sweep
+from dimersweep import names, orbits, sweep
 from dimersweep.errors import OrbitError
 
 DIMER = {"A_r": 5.0, "f": 22.0, "e": 0.65, "mu": 0.1, "mu_s": 0.15, "Gamma": 0.9}
@@ -21,7 +21,7 @@ def of(parameters, **others):
 @pytest.fixture(scope="module")
 def down():
     branch = orbits.follow(orbits.find(spin=86.0, **DIMER), "Gamma", to=0.6, sustained=True)
-    return branch, int(np.flatnonzero(branch["special"].values == "fold")[0])
+    return branch, int(np.flatnonzero(names(branch["special"]).values == "fold")[0])
 
 
 @pytest.mark.parametrize("row", [0, 10, 20])
@@ -47,7 +47,7 @@ def test_two_spins_meet_at_a_fold_like_a_square_root_and_none_is_beyond(down):
 
 def test_the_spin_of_a_plane_gives_way_to_one_on_either_side():
     branch = orbits.follow(orbits.find(spin=24.0, **of(DIMER, e=0.6)), "Gamma", to=1.2, sustained=True)
-    fold = float(branch["Gamma"].values[branch["special"].values == "fold"][0])
+    fold = float(branch["Gamma"].values[names(branch["special"]).values == "fold"][0])
     told = [orbits.sustained(spin=(-60.0, 60.0), **of(DIMER, e=0.6, Gamma=fold + by)) for by in (-1e-2, -4e-2, 1e-2)]
     assert [one["attracts"].values.tolist() for one in told] == [[True, False, True], [True, False, True], [True]]
     assert float(told[1]["spin"][2] / told[0]["spin"][2]) == pytest.approx(2, rel=0.05)
@@ -67,7 +67,7 @@ def drift(spin, Gamma, dimer):
 def test_two_spins_of_stable_orbits_meet_at_a_fold(dimer, begin, Gamma, spins):
     branch = orbits.follow(orbits.find(spin=begin, Gamma=Gamma, **dimer), "Gamma", to=1.33, sustained=True)
     assert branch["stable"].all()
-    fold = branch.isel(point=int(np.flatnonzero(branch["special"] == "fold")[0]))
+    fold = branch.isel(point=int(np.flatnonzero(names(branch["special"]) == "fold")[0]))
     assert float(fold["slow_multiplier"]) == pytest.approx(1, abs=1e-10)
     # the drift over the spin touches zero there: above it has spins of both signs, beyond it falls at all
     before, beyond = ([drift(spin, float(fold["Gamma"]) + by, dimer) for spin in spins] for by in (-2e-5, 2e-5))
@@ -80,13 +80,13 @@ def test_where_a_spin_falls_to_zero_is_where_a_plane_begins_to_attract():
         orbits.follow(orbits.find(spin=begin, Gamma=Gamma, **THREE), "Gamma", to=1.32, sustained=True)
         for begin, Gamma in ((9.0, 1.312), (0.0, 1.3))
     )
-    forks = [float(branch["Gamma"].values[branch["special"] == "pitchfork"].item()) for branch in (spin, plane)]
-    assert spin["special"][-1] == "pitchfork" and spin.attrs["end"].startswith("plane")
+    forks = [float(branch["Gamma"].values[names(branch["special"]) == "pitchfork"].item()) for branch in (spin, plane)]
+    assert names(spin["special"])[-1] == "pitchfork" and spin.attrs["end"].startswith("plane")
     assert forks[0] == pytest.approx(forks[1], abs=1e-8)
     assert drift(0.3, forks[0] - 1e-5, THREE) > 0 > drift(0.3, forks[0] + 1e-5, THREE)
     start, fixed = orbits.find(spin=9.0, Gamma=1.312, **THREE), of(THREE, e=None)
     end = orbits.border("stable_to", "Gamma", over={"e": [0.563]}, start=start, sustained=True, **fixed)
-    assert (end["ends_by"].item(), float(end["Gamma"][0])) == ("pitchfork", pytest.approx(forks[0], abs=1e-8))
+    assert (names(end["ends_by"]).item(), float(end["Gamma"][0])) == ("pitchfork", pytest.approx(forks[0], abs=1e-8))
 
 
 def test_pitchforks_are_a_border_where_the_drift_is_smooth():

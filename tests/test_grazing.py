@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dimersweep import orbits
+from dimersweep import names, orbits
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.passage import TURN, longest_hop
 from dimersweep.orbits.specials import NO_GAP, least_gap
@@ -70,15 +70,15 @@ def test_a_branch_meets_the_graze_from_both_sides_at_one_place(misses):
     below = orbits.find(spin=100.0, Gamma=1.335, **GRAZING)
     up = orbits.follow(below, "Gamma", to=1.345)
     down = orbits.follow(misses, "Gamma", to=1.335)
-    values = [float(branch["Gamma"][branch["special"] == "word"][0]) for branch in (up, down)]
+    values = [float(branch["Gamma"][names(branch["special"]) == "word"][0]) for branch in (up, down)]
     assert values[0] == pytest.approx(values[1], abs=1e-8)
-    assert up["change"].values[up["special"].values == "word"].tolist() == ["hop"]
+    assert names(up["change"]).values[names(up["special"]).values == "word"].tolist() == ["hop"]
 
 
 def test_orbits_exist_up_to_a_leap_and_not_beyond():
     below = orbits.find(spin=100.0, Gamma=1.2825, **LEAP)
     branch = orbits.follow(below, "Gamma", to=1.2836)
-    Gamma = float(branch["Gamma"][branch["special"] == "word"][-1])
+    Gamma = float(branch["Gamma"][names(branch["special"]) == "word"][-1])
     assert Gamma == pytest.approx(1.28320835, abs=2e-8)
     inside = orbits.find(spin=100.0, Gamma=Gamma - 1e-6, guess=below, **LEAP)
     assert inside.sequence.startswith("DI")

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dimersweep import orbits, simulate
+from dimersweep import names, orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits import following
 from dimersweep.orbits.bifurcation_curve import on_border
@@ -104,7 +104,7 @@ def test_a_flip_where_the_end_that_is_down_slips_is_nearly_that_of_a_ball():
 
 
 def test_a_branch_goes_through_its_fold_and_back(down):
-    kinds = list(down["special"].values)
+    kinds = list(names(down["special"]).values)
     fold = kinds.index("fold")
     assert float(down["Gamma"][fold]) == pytest.approx(FOLDS[0.6], abs=2e-7)
     assert kinds.count("fold") == 1
@@ -118,23 +118,23 @@ def test_a_branch_goes_through_its_fold_and_back(down):
 
 def test_a_warm_point_of_a_branch_costs_at_most_forty_periods(down):
     cost = np.diff(down["cost"].values)
-    plain = (down["special"].values[1:] == "") & (down["special"].values[:-1] == "")
+    plain = (down["special"].values[1:] == 0) & (down["special"].values[:-1] == 0)
     assert plain.sum() > 10
     assert cost[plain].max() <= 40
 
 
 def test_sequences_change_where_they_are_said_to(down):
     """On either side of the change nearest to the base case the orbits have the sequences of the rows beside it."""
-    at = int(np.flatnonzero(down["special"].values == "word")[0])
+    at = int(np.flatnonzero(names(down["special"]).values == "word")[0])
     place = float(down["Gamma"][at])
-    assert down["change"].values[at] == "stick_slip"
+    assert names(down["change"]).values[at] == "stick_slip"
     below, above = (orbits.find(spin=100.0, Gamma=place + by).sequence for by in (-1e-6, 1e-6))
     assert below == down["word"].values[at + 1]
     assert above == down["word"].values[at - 1]
 
 
 def test_a_flip_leads_to_the_doubled_branch(up):
-    flip = int(np.flatnonzero(up["special"].values == "flip")[0])
+    flip = int(np.flatnonzero(names(up["special"]).values == "flip")[0])
     assert float(up["Gamma"][flip]) == pytest.approx(FLIPS[0.6], abs=1e-5)  # there the spin is held elsewhere
     assert np.abs(multipliers(up)[flip] + 1).min() < 1e-4
     assert (up["periods"].values[: flip + 1] == 1).all()
@@ -265,7 +265,7 @@ def test_a_new_kind_of_border_is_one_object_that_is_registered(orbit, monkeypatc
     assert (found["status"] == "ok").all()
     assert np.angle(multipliers(found)).max(axis=1) == pytest.approx(2 * np.pi / 3, abs=1e-6)
     branch = orbits.follow(orbit, "Gamma", to=1.1, sequences=False)
-    at = branch["special"].values == "tripling"
+    at = names(branch["special"]).values == "tripling"
     assert branch["Gamma"].values[at] == pytest.approx(found["Gamma"].values[:1], abs=1e-5)
 
 
@@ -361,7 +361,7 @@ def test_a_fold_whose_impact_lies_where_the_spin_is_put_back_is_found():
     for e, Gamma, phase in zip(found["e"].values, found["Gamma"].values, found["impact_phase"].values, strict=True):
         branch = orbits.follow(orbits.find(e=e, Gamma=Gamma + 0.1, **short), "Gamma", to=Gamma - 0.1, sequences=False)
         assert min(phase, 1 - phase) < 1e-3
-        assert Gamma == pytest.approx(float(branch["Gamma"][branch["special"].values == "fold"][0]), abs=1e-6)
+        assert Gamma == pytest.approx(float(branch["Gamma"][names(branch["special"]).values == "fold"][0]), abs=1e-6)
     assert float(found["Gamma"][1]) == pytest.approx(0.560388, abs=1e-6)
 
 
@@ -408,6 +408,6 @@ def test_columns_of_tables_have_the_attributes_of_cf(orbit, down):
 def test_a_border_on_a_branch_has_its_multiplier(kind, begin, to, multiplier, within):
     """At a fold two multipliers meet, as the root of the distance: so they are known less well there."""
     branch = orbits.follow(orbits.find(spin=100.0, Gamma=begin), "Gamma", to=to, sequences=False)
-    at = branch["special"].values == kind
+    at = names(branch["special"]).values == kind
     assert at.sum() == 1
     assert np.abs(multipliers(branch)[at] - multiplier).min() < within

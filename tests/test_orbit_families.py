@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
-from dimersweep import orbits, simulate
+from dimersweep import names, orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.orbits.continuation import halved
 from dimersweep.orbits.edges import uncertainty
@@ -133,7 +133,7 @@ def test_an_orbit_is_found_from_one_of_another_sequence(near, spin):
 def test_a_branch_goes_on_in_another_section():
     branch = orbits.follow(orbits.find(A_r=6.0, spin=550.0), "spin", to=575.0)
     assert branch.attrs["end"].startswith("to:")
-    assert "stick_slip" in branch["change"].values
+    assert "stick_slip" in names(branch["change"]).values
 
 
 def test_what_is_beyond_a_family_is_told(family):
@@ -255,6 +255,6 @@ def test_a_run_leaves_its_family_where_its_double_impact_ends_another_way():
     assert branch["word"].values[-1].startswith("DI_sp_sp>DI_sp_sk ")
     assert "the next one found has the sequence DI_sp_sp " in branch.attrs["end"]
     assert settled.orbit.spin < branch["spin"].values[-1] == pytest.approx(before.orbit.spin, rel=0.02)
-    kinds = [run.events["kind"].values for run in (before, beyond)]
+    kinds = [names(run.events["kind"]).values for run in (before, beyond)]
     assert [each[np.char.startswith(each, "DI")][-1] for each in kinds] == ["DI_sp_sk", "DI_sp_sp"]
     assert orbits.find(guess=beyond).sequence.startswith("DI_sp_sp ")

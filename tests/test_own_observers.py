@@ -267,7 +267,7 @@ def test_attractors_have_it_for_each_start():
     drawn = {"starts": 12, "periods": 100, "progress": False}
     found = attractors({"beta0": ("1 deg", "60 deg")}, observe=spectral, out="found.nc", **drawn)
     assert found["peak"].dims == ("start",) and found["lines"].dims == ("start", "harmonic")
-    drift = found["attractor"].values[found["mode"].values == "drift"][0]
+    drift = found["attractor"].values[names(found["mode"]).values == "drift"][0]
     assert (found["peak"].values[found["basin"].values == drift] == 15).all()
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import dimersweep
-from dimersweep.cubes.cube import FLAGS
+from dimersweep.cubes.cube import FLAGS, names
 from dimersweep.cubes.grid import make_points
 from dimersweep.errors import ParameterError
 from dimersweep.fits import Waveform
@@ -685,7 +685,7 @@ def test_the_bars_of_a_budget_are_its_works(run):
     bars = {container.get_label(): [bar.get_width() for bar in container] for container in axes.containers}
     for name, label in words.items():
         for row, kind in enumerate(rows):
-            here = np.ones(late.sizes["part"], bool) if kind == "all" else late["kind"].values == kind
+            here = np.ones(late.sizes["part"], bool) if kind == "all" else names(late["kind"]).values == kind
             work = 1e5 * late[name].values[here].sum()
             if label in bars:
                 assert bars[label][row] == pytest.approx(work, rel=1e-5, abs=1e-3 * max(map(abs, bars[label])))

@@ -212,13 +212,13 @@ def test_a_picture_needs_a_known_ending(tmp_path):
 @pytest.mark.parametrize("friction", [{}, {"mu": 0.05, "mu_s": 0.1}])
 def test_the_course_of_a_double_impact_leads_to_the_state_after_it(friction):
     run = dimersweep.simulate(periods=60, **friction)
-    double = np.char.startswith(run.events["kind"].values, "DI")
+    double = names(run.events["kind"]).str.startswith("DI").values
     time = run.events["time"].values[double][-1]
     course = plots.impact_rates(run, time)
     after = run.states(time)
     for name in ("beta_rate", "theta_rate", "gamma_rate"):
         assert course[name].values[-1] == pytest.approx(after[name].item(), abs=1e-10)
-    assert course["kind"].values[0] == ""
+    assert names(course["kind"]).values[0] == names(run.events["contact_before"]).values[run.events["time"] == time][0]
     start, stop = plots.last_cycle(run)
     assert stop - start == pytest.approx(1 / 15)
     assert stop < time + 1e-12

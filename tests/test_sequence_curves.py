@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from dimersweep import orbits
+from dimersweep import names, orbits
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.passage import rests, sides_of
@@ -35,7 +35,7 @@ def curve_of(kind):
 
 def found(curve, point, by):
     """An orbit beside the border, reached from one farther away; none, if it does not exist."""
-    at = {"spin": 100.0, "e": float(point["e"]), "A_r": curve.attrs["A_r"]}
+    at = {"spin": 100.0, "e": float(point["e"]), "A_r": float(curve["A_r"])}
     Gamma = float(point["Gamma"])
     far = orbits.find(Gamma=Gamma + np.sign(by) * 2e-3, **at)
     try:
@@ -157,7 +157,7 @@ def test_changes_that_a_motion_has_at_several_values_are_all_told(kind):
     for to in (0.78, 1.28):
         branch = orbits.follow(base, "Gamma", to=to)
         stable = np.cumprod(branch["stable"].values.astype(bool)).astype(bool)
-        met = branch["change"].values == kind if kind != "word" else branch["special"].values == "word"
+        met = names(branch["special" if kind == "word" else "change"]).values == kind
         values += branch["Gamma"].values[met & stable].tolist()
     within = [value for value in several if value < 1.264]  # up to the flip, beyond which the last step may lead
     assert sorted(value for value in values if value < 1.264) == pytest.approx(within, abs=1e-4)  # in other sections

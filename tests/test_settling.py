@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import dimersweep
-from dimersweep import orbits, simulate
-from dimersweep.cubes.cube import names
+from dimersweep import names, orbits, simulate
 from tests.checks.data import data
 from tests.checks.verdicts import strobes_of
 
@@ -107,7 +106,7 @@ def test_a_drift_that_spirals_in_is_no_motion_of_three_periods():
 
 def longest_flight(run, end, since):
     """Longest time from when an end leaves the plate to its next hit, or to the end of the run, in forcing periods."""
-    events = run.events.to_dataframe().groupby("time", as_index=False).agg(
+    events = names(run.events).to_dataframe().groupby("time", as_index=False).agg(
         {"contact_after": "last", f"impulse_{end}": "max"}
     )  # fmt: skip
     closed = events["contact_after"].str.startswith(("D", f"SC{end}"))
@@ -171,7 +170,7 @@ def test_a_path_that_bends_less_and_less_is_followed_until_its_radius_stands():
 def test_a_run_that_dies_stops_with_the_period_in_which_both_ends_come_to_stick(Gamma):
     run = simulate(Gamma=Gamma, periods=100, stop_when_settled=True)
     assert run.mode == "rest"
-    moves = run.events["contact_after"].values != "DC_sk_sk"
+    moves = names(run.events["contact_after"]).values != "DC_sk_sk"
     death = run.events["time"].values[np.flatnonzero(moves)[-1] + 1]
     assert run.n_periods == np.ceil(death * run.parameters["f"])
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from dimersweep import Parameters, simulate
+from dimersweep import Parameters, names, simulate
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import N_OUT
 from dimersweep.runs.shadows import (
@@ -170,7 +170,7 @@ def test_a_sample_in_the_summed_end_of_a_chatter_follows_its_hops(rtol):
     """Hops that a run sums are there when it is sampled: a run that follows them longer says the same."""
     run, longer = (simulate(periods=1, rtol=accuracy, Gamma=0.5, beta0=0.2) for accuracy in (rtol, 1e-3 * rtol))
     events = run.events
-    last = int(np.flatnonzero(events["cause"].values == "chatter_end")[0]) - 1  # the bounce after which hops are summed
+    last = int(np.flatnonzero(names(events["cause"]) == "chatter_end")[0]) - 1  # the bounce after which hops are summed
     since = np.geomspace(1e-8, 1e-2, 60)
     true = difference(run, longer, float(events["time"][last]) + since)
     hops = run.states(float(events["time"][last]) + since)["gap_1"].values

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from dimersweep import Parameters, orbits, simulate
+from dimersweep import Parameters, names, orbits, simulate
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, N_STATE
 from dimersweep.runs.growth import lyapunov, multipliers, of_orbit, orthogonal, qr_growth, spectrum
@@ -342,10 +342,11 @@ def test_without_friction_the_exponents_add_up_to_what_impacts_take():
         scene, seed = bouncing(seed), seed + 1
         run, f = simulate(**scene, periods=10), scene["f"]
         longer = run.go_on(20 + 1 + 10)
-        if set(longer.events["kind"].values) - {"FM", "SI1_sp", "SI2_sp"}:
+        events = names(longer.events)
+        if set(events["kind"].values) - {"FM", "SI1_sp", "SI2_sp"}:
             continue  # an end has stayed down: that takes directions altogether
         scenes += 1
-        events = longer.events.sel(event=(longer.events["cause"] == "impact") & (longer.events["time"] * f > 31))
+        events = events.sel(event=(events["cause"] == "impact") & (events["time"] * f > 31))
         struck = [(events[f"impulse_{end}"].values > 0).sum() for end in (1, 2)]
         found = spectrum(run, 10)
         assert found.periods == 10

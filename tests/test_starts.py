@@ -81,7 +81,7 @@ def test_a_dimer_that_is_thrown_moves_as_a_top():
 def test_a_dimer_that_is_dropped_lands_when_it_has_fallen_so_far():
     run = simulate(Gamma=0.0, gap0=0.02, beta0=0.4, xdot0=0.0, periods=3, rtol=1e-12)
     events = run.events
-    landed = events["time"].values[events["cause"].values == "impact"][0]
+    landed = events["time"].values[names(events["cause"]) == "impact"][0]
     assert landed == pytest.approx((2 * 0.02 / 9.81) ** 0.5, rel=1e-13)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dimersweep import attractors, orbits, simulate
+from dimersweep import attractors, names, orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
 
 # a spin whose slow time is short; a cycle of the spin between two motions; one that lies between the ends of sheets
@@ -36,7 +36,7 @@ def spins_of_run(start, parameters, periods, parts):
 @pytest.mark.parametrize("aside", [0.97, 1.03])
 def test_runs_from_below_and_above_come_to_it_at_its_rate(chosen, aside):
     one = chosen.isel(sustained=1)
-    assert one["kind"] == "spin" and bool(one["attracts"])
+    assert names(one["kind"]) == "spin" and bool(one["attracts"])
     spin, slow = float(one["spin"]), float(one["slow_periods"])
     off = spins_of_run(aside * spin, CHOSEN, 6 * round(slow), 3) / spin - 1
     assert abs(off[-1]) < 1e-4
@@ -70,7 +70,7 @@ def test_the_mirror_image_has_the_opposite_spins():
 
 @pytest.mark.slow
 def test_a_run_goes_to_and_fro_as_the_cycle_says(cycle):
-    (one,) = (cycle.isel(sustained=k) for k in np.flatnonzero(cycle["kind"] == "cycle"))
+    (one,) = (cycle.isel(sustained=k) for k in np.flatnonzero(names(cycle["kind"]) == "cycle"))
     low, high, around = (float(one[name]) for name in ("spin_low", "spin_high", "slow_periods"))
     parts = 130
     spins = spins_of_run(0.5 * (low + high), TO_AND_FRO, parts * round(around / 50), parts)  # 2.6 times round
@@ -130,7 +130,7 @@ def test_time_runs_back_as_far_as_the_family_goes():
 @pytest.mark.slow
 def test_a_motion_goes_round_a_cycle_as_a_run_does(cycle):
     orbit = orbits.find(spin=145.0, **TO_AND_FRO)
-    around = float(cycle["slow_periods"].values[cycle["kind"] == "cycle"][0])
+    around = float(cycle["slow_periods"].values[names(cycle["kind"]) == "cycle"][0])
     leaps = orbits.later(orbit, periods=10.5 * around).leaps
     assert len(leaps) == 2 and leaps[0].spin[1] == pytest.approx(leaps[0].spin[0], rel=0.01)
     assert sorted(np.ravel([leap.radius for leap in leaps])) == pytest.approx([4.63, 4.63, 4.96, 5.01], abs=0.01)
@@ -157,7 +157,7 @@ def test_starts_are_told_apart_by_where_their_spin_goes(mirror):
     starts = {"beta0": (0.35, 0.6, 0.5, 0.3, 0.02), "xdot0": (1.1, 1.6, -1.1, 1.3, 1.0)}
     starts = {name: np.array(column) for name, column in starts.items()}
     found = attractors(points=starts, fixed=CHOSEN, periods=400, mirror=mirror, slow=True, progress=False)
-    drifts = found.isel(attractor=found["fate"].values == "spin")
+    drifts = found.isel(attractor=names(found["fate"]).values == "spin")
     spins = {True: [216.236], False: [-216.236, 216.236]}[mirror]
     assert sorted(drifts["spin_low"].values) == pytest.approx(spins, abs=1e-3)
     assert (drifts["spin_low"] == drifts["spin_high"]).all()
@@ -169,8 +169,8 @@ def test_a_motion_in_which_both_ends_stick_keeps_any_spin():
     jumping = {"r": 0.0062, "A_r": 8.6, "f": 26.1, "mu": 0.223, "mu_s": 0.318, "e": 0.513, "Gamma": 1.163}
     starts = {"beta0": [0.3, 0.5, 0.1], "gammadot0": [-80.0, 40.0, 20.0]}
     found = attractors(points=starts, fixed=jumping, periods=400, slow=True, progress=False)
-    jumps = found.isel(attractor=found["mode"].values == "jump").squeeze()
-    assert (str(jumps["fate"].values), float(jumps["spin_high"])) == ("kept", np.inf)
+    jumps = found.isel(attractor=names(found["mode"]).values == "jump").squeeze()
+    assert (str(names(jumps["fate"]).values), float(jumps["spin_high"])) == ("kept", np.inf)
     start = {name: values[int(jumps["representative"])] for name, values in starts.items()}
     orbit = orbits.find(guess=simulate(**jumping, **start, periods=400))
     assert abs(orbit.spin) > 1 and orbits.later(orbit, periods=np.inf).spin == orbit.spin

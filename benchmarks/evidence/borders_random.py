@@ -12,7 +12,7 @@ import sys
 
 import numpy as np
 
-from dimersweep import orbits
+from dimersweep import names, orbits
 from dimersweep.errors import OrbitError
 from tests.checks.dimers import STARTS, crossed, drifts, random_dimer
 
@@ -28,7 +28,7 @@ def judged(kind, dimer):
     except OrbitError as reason:
         count = drifts(dimer)
         return f"{reason}; {count} of {STARTS} drawn starts drift", "", np.nan, count == 0
-    Gamma, by = float(found["Gamma"]), str(found["ends_by"].values) if "ends_by" in found else kind
+    Gamma, by = float(found["Gamma"]), names(found["ends_by"]).item() if "ends_by" in found else kind
     inner, outer = crossed(dimer, Gamma, OUTWARD[kind])
     lost = inner == "stable" and outer != "stable"
     told = f"{Gamma:.6f} {'' if found['loses_stability'] else '(no stable orbit ends there) '}({inner} inside, {outer} beyond)"

@@ -92,7 +92,7 @@ def load_changed(one: Constant, factor: float) -> None:
 
 def questions() -> dict[str, Callable[[], list[Any]]]:
     """What is asked: names, and functions that answer with numbers and words."""
-    from dimersweep import orbits, simulate
+    from dimersweep import names, orbits, simulate
     from dimersweep.orbits import features
 
     both = features.Mirrors(True, False)
@@ -105,7 +105,7 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
         return [one.sequence, one.periods, one.stable, one.spin, one.radius, *np.abs(one.multipliers).tolist()]
 
     def table(found: Any, *columns: str) -> list[Any]:
-        return [entry for name in columns for entry in found[name].values.ravel().tolist()]
+        return [entry for name in columns for entry in names(found)[name].values.ravel().tolist()]
 
     def border(kind: str, over: Any = None, **dimer: float) -> Callable[[], list[Any]]:
         over = over or {"e": [dimer["e"]]}

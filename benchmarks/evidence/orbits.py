@@ -32,7 +32,7 @@ def costs():
     orbit = orbits.find(guess=run)
     print(f"an orbit from a run: {orbit.cost:.0f} periods; from nothing: {orbits.find(spin=SPIN).cost:.0f}")
     branch = orbits.follow(orbits.find(spin=SPIN), "Gamma", to=0.7)
-    plain = (branch["special"].values[1:] == "") & (branch["special"].values[:-1] == "")
+    plain = (branch["special"].values[1:] == 0) & (branch["special"].values[:-1] == 0)
     cost = np.diff(branch["cost"].values)[plain]
     print(f"a warm point of a branch: median {np.median(cost):.0f}, most {cost.max():.0f} periods")
     spans = {"fold": (0.4, 0.8, 1000), "flip": (0.6, 0.7, 200)}

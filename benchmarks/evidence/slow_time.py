@@ -19,7 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dimersweep import attractors, orbits, simulate
+from dimersweep import attractors, names, orbits, simulate
 from dimersweep.errors import OrbitError
 from dimersweep.orbits.kinds import ball_fold
 from tests.checks.dimers import random_dimer
@@ -63,7 +63,7 @@ def beside(spin, share, begin, dimer):
 
 def judged(spin, row, begins, most):
     """What two runs from both sides of a sustained spin do, in words, and whether it is as told."""
-    slow, attracts, kind = float(row["slow_periods"]), bool(row["attracts"]), str(row["kind"].values)
+    slow, attracts, kind = float(row["slow_periods"]), bool(row["attracts"]), names(row["kind"]).item()
     if kind == "spin" and float(row["spin_error"]) > ALIKE * spin:
         return f"known within {float(row['spin_error']):.1e} only", True
     told, right = [], bool(begins)
@@ -105,14 +105,14 @@ def parted(dimer, starts):
     found = attractors(RANGES, dimer, starts=starts, seed=1, periods=SETTLED, slow=True, progress=False)
     for number in found["attractor"].values:
         row, ends, right = found.sel(attractor=number), [], True
-        fate, low, high = str(row["fate"].values), float(row["spin_low"]), float(row["spin_high"])
+        fate, low, high = names(row["fate"]).item(), float(row["spin_low"]), float(row["spin_high"])
         for k in np.flatnonzero(found["basin"].values == number):
             start = dimer | {name: float(found[name][k]) for name in RANGES}
             first, last = (simulate(**start, periods=periods, record=False) for periods in (SETTLED, LONG))
             before, after = (one.orbit.spin if one.orbit else np.nan for one in (first, last))
             away = [max(abs(low) - abs(spin), abs(spin) - abs(high), 0.0) for spin in (before, after)]
             moves = away[1] <= max(away[0], ALIKE * abs(low))
-            kept = fate if np.isnan(low) else row["mode"]  # of those that are no drift
+            kept = fate if np.isnan(low) else names(row["mode"]).item()  # of those that are no drift
             right &= bool(moves) if np.isfinite(low + after) else last.mode == kept
             ends.append(f"{before:.4g} to {after:.4g}" if np.isfinite(after) else last.mode)
         yield f"{fate} {low:.5g} to {high:.5g} of {len(ends)}: {', '.join(sorted(set(ends)))}", right
@@ -182,14 +182,14 @@ def main():
         except OrbitError as reason:
             print(f"{seed:3} {reason}", flush=True)
             continue
-        for k in np.flatnonzero((found["spin"] > AT_REST) & (found["kind"] != "cycle")):
+        for k in np.flatnonzero((found["spin"] > AT_REST) & (names(found["kind"]) != "cycle")):
             row, spin = found.isel(sustained=int(k)), float(found["spin"][k])
-            share = HELD if row["kind"] == "end" else ASIDE
+            share = HELD if names(row["kind"]) == "end" else ASIDE
             told, right = judged(spin, row, beside(spin, share, begin, dimer), given.most)
             wrong += not right
-            said = f"{seed:3} {row['kind'].values} {spin:.6g}, slow {float(row['slow_periods']):.3g}: {told}"
+            said = f"{seed:3} {names(row['kind']).item()} {spin:.6g}, slow {float(row['slow_periods']):.3g}: {told}"
             print(f"{said}{'' if right else ' NOT AS TOLD'}", flush=True)
-        cycles = found.isel(sustained=np.flatnonzero(found["kind"] == "cycle"))
+        cycles = found.isel(sustained=np.flatnonzero(names(found["kind"]) == "cycle"))
         for low, high in zip(cycles["spin_low"].values, cycles["spin_high"].values, strict=True):
             print(f"{seed:3} to and fro from {low:.6g} to {high:.6g}", flush=True)
     print(f"{given.dimers} dimers: {wrong} not as told")

@@ -82,8 +82,12 @@ def digest(*arrays: Any) -> str:
 
 
 def table(kind: str, dataset: Any) -> dict[str, str]:
-    """Hash of each variable of a dataset: revisions need not have the same ones."""
-    return {f"{kind}: {name}": digest(dataset[name].values) for name in map(str, dataset.variables)}
+    """Hash of each variable of a dataset, of flags that of their words: revisions need not have the same ones."""
+    from dimersweep import names
+
+    each = {str(name): dataset[name] for name in dataset.variables}
+    told = {name: names(found) if "flag_meanings" in found.attrs else found for name, found in each.items()}
+    return {f"{kind}: {name}": digest(found.values) for name, found in told.items()}
 
 
 def bits_of(question: dict[str, Any]) -> dict[str, str]:

@@ -11,7 +11,7 @@ import verbs_loops
 from verbs_inputs import DOUBLE, SINGLE, harvest
 from verbs_loops import VERBS, Harvest, call
 
-from dimersweep import simulate
+from dimersweep import names, simulate
 from dimersweep.kernel.compiler.cache import base_folders
 from dimersweep.kernel.model.layout import (
     D1,
@@ -58,7 +58,7 @@ def test_harvested_impacts_are_those_of_the_run():
     run = simulate(periods=3)
     inputs = harvest([run])
     events = run.events
-    kind = events["kind"].values
+    kind = names(events["kind"]).values
     first = np.append(True, np.diff(events["time"].values) > 0.0)  # of the rows of one impact
     for name, letter in ((DOUBLE, "DI"), (SINGLE, "SI")):
         chosen = first & np.char.startswith(kind, letter)

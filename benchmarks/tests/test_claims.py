@@ -11,7 +11,7 @@ import sect5
 from lab import READINGS, Lab, growth
 from ledger import CLAIMS, Finding, Row, as_markdown, counts, found, in_any
 
-from dimersweep import orbits, simulate
+from dimersweep import names, orbits, simulate
 
 PAGE = Path(__file__).parents[2] / "docs" / "claims.md"
 
@@ -97,7 +97,7 @@ def test_the_normal_motion_changes_by_three_per_cent_with_friction(labs):
 def test_the_slip_of_p1_is_that_of_the_events(lab):
     """While p1 is on the plate, the kinematics of the states give the slip that the events tell."""
     slip, times = sect3.slip_of_p1(lab.base), sect3.cycle_times(lab.base)
-    rows = lab.base.events
+    rows = names(lab.base.events)
     inside = (rows["cause"].values == "stick") | (rows["cause"].values == "slip")
     inside &= (rows["time"].values > times[0]) & (rows["time"].values < times[-1])
     assert inside.any()

@@ -196,7 +196,9 @@ def _print_loops(cube: "xr.Dataset") -> None:
     found = loops(cube)
     for k in range(found.sizes["loop"]):
         loop = found.isel(loop=k)
-        where = ", ".join(given(str(name), loop[name].item()) for name in loop.data_vars if name in PARAMETERS)
+        where = ", ".join(
+            given(str(name), loop[name].item()) for name in loop.coords if name in PARAMETERS and found[name].ndim
+        )
         ends = " to ".join(_end(loop, which) for which in ("low", "high"))
         typer.echo(f"{where + ': ' if where else ''}up and down differ from {found.attrs['axis']} = {ends}")
 

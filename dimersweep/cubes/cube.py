@@ -1,8 +1,8 @@
 """Points to a labelled cube: an xarray.Dataset over the axes of the grid, ready to be written as CF NetCDF."""
 
 import json
-from collections.abc import Collection, Iterable, Mapping
-from typing import Any
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from typing import Any, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -15,13 +15,14 @@ from dimersweep.kernel.model.layout import CODE_WORDS, CODES, MODES, N_CODES, N_
 from dimersweep.parameters import completed
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 
+NO_YES = ("no", "yes")  # words of truth values
 FLAGS = {
     **CODE_WORDS,
     "status": POINT_STATUSES,
     "outcome": MODES,
     "answer": ("not_run", "no", "yes", "unsure"),
     "region": (*MODES, "mixed"),
-    "computed": ("no", "yes"),
+    "computed": NO_YES,
     "confidence": ("not_run", "certain", "unsure", "changed"),
     "direction": DIRECTIONS,
 }
@@ -49,31 +50,49 @@ def coordinate(name: str, values: Any, quantity: Quantity) -> xr.Variable:
 
 def labelled(values: xr.Variable, quantity: Quantity) -> xr.Variable:
     """Values of a coordinate with their unit."""
-    kind = np.int64 if values.dtype.kind == "i" else float
-    variable = xr.Variable(values.dims, values.values, quantity.attributes(kind))
+    variable = column(values.dims, values.values, quantity)
     variable.encoding.update(_SUMMED if values.dims else {}, _FillValue=None)  # CF: a coordinate has no missing values
     return variable
 
 
 def variable(name: str, dims: tuple[str, ...], values: np.ndarray, quantity: Quantity | None = None) -> xr.Variable:
-    """Results with their unit: floats, NaN where they have no meaning; flags as int8, counts as int64; texts.
-
-    A long run has more events than 32 bits can count.
-    """
-    quantity = quantity or QUANTITIES[name]
-    if values.dtype.kind == "S":
-        text = xr.Variable(dims, values, {"long_name": quantity.long_name})
-        text.encoding.update(PACKED, _FillValue=None)
-        return text
-    kind: type = np.int8 if name in FLAGS else float if values.dtype.kind == "f" else np.int64
-    attributes = quantity.attributes(kind)
-    if name in FLAGS:
-        codes, words = np.arange(len(FLAGS[name]), dtype=np.int8), " ".join(FLAGS[name])
-        attributes = {"long_name": quantity.long_name, "flag_values": codes, "flag_meanings": words}
-    made = xr.Variable(dims, values.astype(kind, copy=False), attributes)
+    """Results with their unit, see `column`; floats are NaN where they have no meaning."""
+    made = column(dims, values, quantity or QUANTITIES[name], FLAGS.get(name, ()))
     # with a fill value, xarray would read integers back as floats
-    made.encoding.update(PACKED, _FillValue=np.nan if kind is float else None)
+    made.encoding.update(PACKED, _FillValue=np.nan if made.dtype.kind == "f" else None)
     return made
+
+
+def column(dims: Any, entries: Any, said: Quantity | str, words: Sequence[str] = ()) -> xr.Variable:
+    """A column of a table: numbers with their unit, texts, or flags as int8, which are one of a few `words`.
+
+    Entries of flags are their words or codes. Truth values without words are flags, too, and stay such: xarray writes and reads
+    them. Counts have 64 bits: a long run has more events than 32 bits can count.
+    """
+    values, quantity = np.asarray(entries), said if isinstance(said, Quantity) else Quantity("1", said)
+    kind = values.dtype.kind
+    if words or kind == "b":
+        if kind in "OU":
+            values = np.vectorize(words.index, otypes=[np.int8])(values)
+        coded, words = values.astype(np.int8, copy=False) if words else values, words or NO_YES
+        flags = {"flag_values": np.arange(len(words), dtype=np.int8), "flag_meanings": " ".join(words)}
+        return xr.Variable(dims, coded, {"long_name": quantity.long_name} | flags)
+    if kind in "OSU":
+        return xr.Variable(dims, values, {"long_name": quantity.long_name})
+    number = float if kind == "f" else np.int64
+    return xr.Variable(dims, values.astype(number, copy=False), quantity.attributes(number))
+
+
+def fixed_coordinates(parameters: Mapping[str, float]) -> dict[str, xr.Variable]:
+    """Parameters that hold for all of a table, with their units."""
+    return {name: labelled(xr.Variable((), value), PARAMETERS[name]) for name, value in parameters.items()}
+
+
+def without_fill(table: xr.Dataset) -> xr.Dataset:
+    """A table that is written without a fill value for its coordinates, which CF forbids."""
+    for name in table.coords:
+        table[name].encoding["_FillValue"] = None
+    return table
 
 
 def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -220,31 +239,34 @@ def check_codes(flags: xr.DataArray) -> None:
         )
 
 
-def check_flags(name: Any, values: np.ndarray) -> None:
-    """Refuse values of a flag variable that are the codes of no words.
+def check_flags(name: Any, values: np.ndarray, codes: Any = None) -> None:
+    """Refuse values of a flag variable that are none of the `codes` of its words, by default those of `FLAGS`.
 
     Raises
     ------
     StoreError
         With the first of them.
     """
-    wrong = ~((values >= 0) & (values < len(FLAGS.get(name, ()))))
-    if name in FLAGS and wrong.any():
+    wrong = ~np.isin(values, range(len(FLAGS[name])) if codes is None else codes)
+    if wrong.any():
         raise StoreError(f"{name} = {values[wrong][0]}: is the code of no {name}; the cube was changed")
 
 
-def names(flags: xr.DataArray) -> xr.DataArray:
-    """The words behind a flag variable, such as "drift" for each point of ``cube["mode"]``.
+Flagged = TypeVar("Flagged", xr.DataArray, xr.Dataset)
+
+
+def names(flags: Flagged) -> Flagged:
+    """The words behind a flag variable, such as "drift" for each point of ``cube["mode"]``; or behind all flags of a dataset.
 
     Parameters
     ----------
-    flags : xarray.DataArray of int
-        With the CF attributes `flag_values` and `flag_meanings`.
+    flags : xarray.DataArray of int or bool, or xarray.Dataset
+        With the CF attributes `flag_values` and `flag_meanings`; a dataset has them at each of its flags.
 
     Returns
     -------
-    xarray.DataArray of str
-        Same dimensions and coordinates.
+    xarray.DataArray of str, or xarray.Dataset
+        Same dimensions and coordinates; all else of a dataset as it is, truth values, too.
 
     Raises
     ------
@@ -260,10 +282,12 @@ def names(flags: xr.DataArray) -> xr.DataArray:
     >>> names(cube["mode"]).values.tolist()
     ['rest', 'drift']
     """
+    if isinstance(flags, xr.Dataset):
+        coded = {name: each for name, each in flags.variables.items() if "flag_meanings" in each.attrs}
+        return flags.assign({name: names(flags[name]).variable for name in coded if coded[name].dtype != bool})
     if not isinstance(flags, xr.DataArray) or "flag_meanings" not in flags.attrs:
         given = getattr(flags, "name", None) or type(flags).__name__
         raise ParameterError(f"names: {given} has no words; give a flag variable such as cube['mode']")
-    check_flags(flags.name, flags.values)
-    words = np.array(flags.attrs["flag_meanings"].split())
-    places = np.searchsorted(flags.attrs["flag_values"], flags.values)
-    return flags.copy(data=words[places]).drop_attrs()
+    codes, words = flags.attrs["flag_values"], np.array(flags.attrs["flag_meanings"].split())
+    check_flags(flags.name, flags.values, codes)
+    return flags.copy(data=words[np.searchsorted(codes, flags.values)]).drop_attrs()

@@ -8,6 +8,8 @@ Examples
 (True, 4.259)
 """
 
+from importlib import import_module
+
 from dimersweep.orbits.border_grid import border
 from dimersweep.orbits.centre import centre_drift
 from dimersweep.orbits.edges import Edge, edge
@@ -19,6 +21,7 @@ from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.plane_curve import border_curve
 from dimersweep.orbits.sustained import sustained
+from dimersweep.runs.accessor import DRAW_TABLE
 
 __all__ = [
     "BORDER_KINDS",
@@ -34,3 +37,6 @@ __all__ = [
     "later",
     "sustained",
 ]
+
+# matplotlib is loaded with the first picture
+DRAW_TABLE.append(lambda *table, **look: import_module("dimersweep.orbits.pictures").draw_borders(*table, **look))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import fixed_coordinates
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.inputs import check_switch
 from dimersweep.orbits import bifurcation_curve, pitchfork_curve, sequence_curve, stability_end  # noqa: F401 - they enter the curves of all kinds
@@ -270,4 +271,4 @@ def _dataset(walk: Walk) -> xr.Dataset:
     result["meets"] = ("meeting", names, {"long_name": "the two borders that meet"})
     fixed = {name: value for name, value in curve.given.items() if name not in (*axes, curve.parameter)}
     about = {name: table.attrs[name] for name in ("kind", "parameter", "spin", "cost")}
-    return result.assign_attrs(fixed | about | {"rtol": curve.rtol})
+    return result.assign_coords(fixed_coordinates(fixed)).assign_attrs(about | {"rtol": curve.rtol})

@@ -12,7 +12,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, number
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.continuation import FOLLOWING, LOCATED, steps
-from dimersweep.orbits.kinds import FLIP, Kind
+from dimersweep.orbits.kinds import FLIP, Kind, kind_words
 from dimersweep.orbits.manifold import slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset, orbit_of
@@ -73,8 +73,9 @@ def follow(
     -------
     xarray.Dataset
         Along `point`: the attributes of a `PeriodicOrbit`, the parameter, and `special`: fold, flip, torus, pitchfork or word
-        where the row is such a point (1e-8 in the parameter over its scale), with the kind of `change` of the sequence and the
-        `jump` of the orbit. The attribute `end` says why the branch ends, `cost` how many forcing periods of the map it took.
+        where the row is such a point (1e-8 in the parameter over its scale), else none, with the kind of `change` of the
+        sequence and the `jump` of the orbit. Words are flags (see `names`). The attribute `end` says why the branch ends,
+        `cost` how many forcing periods of the map it took.
 
     Raises
     ------
@@ -92,11 +93,12 @@ def follow(
         warnings.warn(FORMER_WORDS, DeprecationWarning, stacklevel=2)
         sequences = words
     rows, end, cost = traced(orbit, parameter, to, check_count("points", points), switch, sequences, sustained)
-    kinds = [row.kind for row in rows]
-    special = [("word" if kind.of_sequence else kind.name) if kind else "" for kind in kinds]
+    kinds, allowed = [row.kind for row in rows], kind_words()
+    special = [("word" if kind.of_sequence else kind.name) if kind else "none" for kind in kinds]
+    change = [kind.name if kind and kind.of_sequence else "none" for kind in kinds]
     columns: dict[str, Column] = {
-        "special": (special, "kind of special point"),
-        "change": ([kind.name if kind and kind.of_sequence else "" for kind in kinds], "what changes in the sequence"),
+        "special": (special, "kind of special point", allowed),
+        "change": (change, "what changes in the sequence", allowed),
         "jump": ([row.jump for row in rows], "jump of the orbit, in units of the section"),
     }
     if parameter != "spin":

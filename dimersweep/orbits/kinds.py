@@ -341,3 +341,8 @@ def change_of(old: str, new: str) -> Change:
 BORDER_KINDS: dict[str, Kind] = {
     kind.name: kind for kind in (FOLD, FLIP, TORUS, PITCHFORK, STABLE_FROM, STABLE_TO, ANY_CHANGE, *CHANGES[::-1])
 }
+
+
+def kind_words() -> tuple[str, ...]:
+    """What a kind of border may be in a table: none, or one of those that are registered."""
+    return ("none", *BORDER_KINDS)

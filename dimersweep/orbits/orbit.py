@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import column, fixed_coordinates
 from dimersweep.inputs import check_count
-from dimersweep.kernel.model.layout import State
+from dimersweep.kernel.model.layout import CODE_WORDS, State
 from dimersweep.orbits.manifold import SlowMotion, multipliers_of, slow_motion_at
 from dimersweep.orbits.newton import Fixed
 from dimersweep.orbits.passage import TURN, strike_of
@@ -253,7 +254,7 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
 
 # --- orbits as labelled data -----------------------------------------------------------------------------------------
 
-Column = tuple[Any, Quantity | str]  # entries, one an orbit or a row of numbers, and what they are
+Column = tuple[Any, ...]  # entries, one an orbit or a row of numbers; what they are; and, of a flag, its words
 
 MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
 COLUMNS = {
@@ -292,22 +293,18 @@ def multiplier_columns(dims: Sequence[str], rows: np.ndarray) -> dict[str, xr.Va
 
 
 def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Mapping[str, Column] = {}) -> xr.Dataset:
-    """The attributes of orbits along `dim`, and `more` columns; parameters that all share are attributes of the dataset."""
-    columns = {
-        name: ([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said)
+    """The attributes of orbits along `dim`, and `more` columns; parameters that all share are scalar coordinates."""
+    columns: dict[str, Column] = {
+        name: ([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said, CODE_WORDS.get(name, ()))
         for name, said in (COLUMNS | TEXTS).items()
     }
     table = xr.Dataset()
-    for name, (entries, said) in (columns | dict(more)).items():
+    for name, (entries, *said) in (columns | dict(more)).items():
         values = np.array(entries, dtype=float if name in COLUMNS else None)
-        if isinstance(said, str):
-            attributes = {"long_name": said} if values.dtype.kind == "U" else {"units": "1", "long_name": said}
-        else:
-            attributes = said.attributes()
-        table[name] = ((dim, "number")[: values.ndim], values, attributes)
+        table[name] = column((dim, "number")[: values.ndim], values, *said)
     rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
     table = table.assign(multiplier_columns((dim, "multiplier"), rows))
-    if orbits:
-        first = orbits[0].parameters
-        table.attrs = {k: v for k, v in first.items() if all(orbit.parameters.get(k) == v for orbit in orbits)}
-    return table
+    shared = dict(orbits[0].parameters) if orbits else {}
+    for orbit in orbits:
+        shared = {name: value for name, value in shared.items() if orbit.parameters.get(name) == value}
+    return table.assign_coords(fixed_coordinates({name: shared[name] for name in shared if name not in table}))

@@ -17,7 +17,7 @@ from dimersweep.cubes.cube import names
 from dimersweep.cubes.findings import edges_of
 from dimersweep.errors import ParameterError
 from dimersweep.orbits.kinds import BORDER_KINDS, STABLE_FROM, STABLE_TO
-from dimersweep.plots.style import MODE_COLORS, Board, Look, board, given, ink, log_scale, mark
+from dimersweep.plots.style import MODE_COLORS, Board, Look, board, fixed_of, given, ink, log_scale, mark
 from dimersweep.symbols import BASE, PARAMETERS, conditions
 
 STYLES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
@@ -36,7 +36,7 @@ def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None, **look: Unpa
     Parameters
     ----------
     table : xarray.Dataset
-        Of curves, branches or families.
+        Of curves, branches or families; or one of `border`, `border_curve`, `follow` or `family`.
     over : xarray.Dataset, optional
         A map of regions, under curves that have its axes.
     **look : see `dimersweep.plots.Look`
@@ -50,7 +50,11 @@ def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None, **look: Unpa
     ParameterError
         If the dataset is none of borders, or the map has other axes.
     """
-    if {"kind", "ball"} <= set(table.variables):
+    told = names(table[[name for name in ("kind", "special") if name in table.variables]])  # words, in former files
+    table = table.assign({name: told[name].variable for name in ("kind", "special") if name in told.variables})
+    if "kind" in table.attrs:
+        table = table.expand_dims("border").assign_coords(kind=("border", [table.attrs["kind"]]))
+    if "kind" in table.variables and "parameter" in table.attrs:
         return curves(table, over, look)
     if over is not None:
         raise ParameterError("over: only curves are drawn over a map")
@@ -69,6 +73,7 @@ def curves(table: xr.Dataset, over: xr.Dataset | None, look: Look) -> Figure:
     table = table.swap_dims(border="kind")
     y = table.attrs["parameter"]
     *others, x = [str(dim) for dim in table[y].dims if dim != "kind"]
+    x = table.attrs.get("other", x)
     place, axes = _framed(look, table, (8, 6), [x, y])
     handles: list[Any] = [] if over is None else [_map_under(axes, over, x, y)]
     flat = table.stack(line=others) if others else table.expand_dims("line")
@@ -86,14 +91,15 @@ def curves(table: xr.Dataset, over: xr.Dataset | None, look: Look) -> Figure:
                 axes.plot(row[x], row[y], **how, alpha=PALE)
                 taken = row[y].where(row["loses_stability"] == 1)
             axes.plot(row[x], taken, **how)
-        ball = lines[0][0].sel(kind=kind)["ball"]
+        ball = lines[0][0].sel(kind=kind)["ball"] if "ball" in flat else np.array(np.nan)
         if np.isfinite(ball).any():
             axes.plot(ball[x], ball, color=ink(), linewidth=0.7)
         handles.append(Line2D([], [], color=color, label=kind))
     for line, style in lines if others else ():
         words = ", ".join(given(name, float(line[name])) for name in others)
         handles.append(Line2D([], [], color="gray", linestyle=style, label=words))
-    handles.append(Line2D([], [], color=ink(), linewidth=0.7, label="ball, closed form"))
+    if "ball" in flat:
+        handles.append(Line2D([], [], color=ink(), linewidth=0.7, label="ball, closed form"))
     mark(axes.xaxis, x)
     mark(axes.yaxis, y)
     place.legend("lower center", handles, fontsize=8, ncols=4)
@@ -114,9 +120,9 @@ def _framed(
 ) -> tuple[Board, Any]:
     """A board with the title of a table and what its orbits share, no conditions of a start; and its panels."""
     declared = json.loads(table.attrs.get("configuration", "{}"))
-    values = BASE | declared["fixed"] if declared else table.attrs
+    values = BASE | declared["fixed"] if declared else table.attrs | fixed_of(table)[0]
     heading = conditions(values, {*declared.get("over", ()), *along, "beta0", "xdot0"}, tex=True)
-    spin = declared.get(table.attrs.get("what"), {}).get("spin")
+    spin = declared.get(table.attrs.get("what"), {}).get("spin", table.attrs.get("spin"))
     heading += f", axial spin = {spin:.4g} rad/s" if isinstance(spin, float) else ""
     return board(look, size, f"{table.attrs.get('title', '')}\n{heading}".lstrip(), **panels)
 
@@ -136,10 +142,11 @@ def branches(table: xr.Dataset, look: Look) -> Figure:
     """Radius and angle of the orbits along branches: stable ones solid, unstable ones dashed, special points marked."""
     x = str(table.attrs["parameter"])
     place, panels = _framed(look, table, (8, 8), [x], nrows=3, sharex=True)
-    groups = [name for name in table.data_vars if name in PARAMETERS and name != x and table[name].dims == ("point",)]
+    groups = [name for name in table.variables if name in PARAMETERS and name != x and table[name].dims == ("point",)]
     colors: dict[Any, str] = {}
-    for number in np.unique(table["branch"].values):
-        one = table.isel(point=table["branch"].values == number)
+    branch = table["branch"].values if "branch" in table else np.zeros(table.sizes["point"])
+    for number in np.unique(branch):
+        one = table.isel(point=branch == number)
         key = tuple(float(one[name][0]) for name in groups)
         color = colors.setdefault(key, f"C{len(colors)}")
         for axes, name in zip(panels, PANELS, strict=True):
@@ -196,7 +203,8 @@ def families(table: xr.Dataset, look: Look) -> Figure:
     """Radius, period, angle and relative decay of the orbits over the spin, with the least period marked."""
     place, panels = _framed(look, table, (9, 7), nrows=2, ncols=2, sharex=True)
     panels = panels.ravel()
-    given_by = [str(name) for name in table.coords if name in PARAMETERS]
+    table = table if "over" in table.dims else table.expand_dims("over")
+    given_by = [str(name) for name, each in table.coords.items() if name in PARAMETERS and each.ndim]
     spin = table["spin"].values
     for k in range(table.sizes["over"]):
         row = table.isel(over=k)
@@ -213,5 +221,5 @@ def families(table: xr.Dataset, look: Look) -> Figure:
     log_scale(panels[3])
     panels[2].set_xlabel(SPIN_LABEL)
     panels[3].set(xlabel=SPIN_LABEL, ylabel="share of the spin lost in a period")
-    place.legend("lower center", panels[0].lines, fontsize=8, ncols=4)
+    place.legend("lower center", panels[0].lines if given_by else [], fontsize=8, ncols=4)
     return place.done()

@@ -16,12 +16,13 @@ from dimersweep.kernel.model.layout import DOWN_WORDS
 from dimersweep.orbits.finding import MOST_TURNS, of_run, orbit_through
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import TURN, OrbitLost
-from dimersweep.orbits.sheets import Sheet, Standing, sheet_through, standing, taken_up, time_between
+from dimersweep.orbits.sheets import NEUTRAL, Sheet, Standing, sheet_through, standing, taken_up, time_between
 
 LANDS_AFTER = (100, 300, 1000, 3000)  # forcing periods of a run over the end of a sheet, one after the other
 LANDED = 0.02  # distance of such a run from an orbit, in units of the section, below which it has come to it
 MOST_SHEETS = 16  # that are followed
 BELOW, ABOVE = False, True  # the ends of a sheet
+SPIN_KINDS = ("spin", "end", "cycle", NEUTRAL)  # how a spin may stay where it comes to
 
 
 class Arrival(NamedTuple):

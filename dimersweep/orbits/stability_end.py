@@ -14,7 +14,7 @@ from dimersweep.orbits.branch import Point, point_of
 from dimersweep.orbits.continuation import SEARCHING, Between, halved, steps
 from dimersweep.orbits.curve import Curve, Found
 from dimersweep.orbits.finding import orbit_at, settled_on
-from dimersweep.orbits.kinds import ANY_CHANGE, FLIP, FOLD, TORUS, Kind, StabilityEnd, change_of
+from dimersweep.orbits.kinds import ANY_CHANGE, FLIP, FOLD, TORUS, Kind, StabilityEnd, change_of, kind_words
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import TURN, OrbitLost
@@ -256,5 +256,5 @@ class StabilityCurve(Curve, of=StabilityEnd):
         return Found(orbit_of(at.fixed), at.value, at)
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
-        ends = {"ends_by": ([one.by for one in found], "kind of border by which the stability ends")}
-        return super().columns(found) | ends
+        ends = ([one.by for one in found], "kind of border by which the stability ends", kind_words())
+        return super().columns(found) | {"ends_by": ends}

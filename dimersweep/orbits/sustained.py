@@ -8,13 +8,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import column, fixed_coordinates
 from dimersweep.errors import OrbitError
 from dimersweep.inputs import check_rtol
 from dimersweep.orbits.families import BEGIN_AT, spin_range
 from dimersweep.orbits.finding import MOST_TURNS, RTOL, checked, orbit_at
 from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset
 from dimersweep.orbits.poincare import TURN, OrbitLost, Recorder, first_found
-from dimersweep.orbits.slow_flow import ABOVE, BELOW, SlowFlow
+from dimersweep.orbits.slow_flow import ABOVE, BELOW, SPIN_KINDS, SlowFlow
 from dimersweep.runs.run import Run
 from dimersweep.symbols import Quantity
 
@@ -126,12 +127,13 @@ def _dataset(flow: SlowFlow, given: dict[str, float], recorder: Recorder, rtol: 
     """What was found, as labelled data."""
     found = sorted(_rows(flow, given["f"]), key=lambda one: one[0].spin)
     columns: dict[str, Column] = {
-        name: ([row[k] for _, row in found], said) for k, (name, said) in enumerate(MEANINGS.items())
+        name: ([row[k] for _, row in found], said, SPIN_KINDS if name == "kind" else ())
+        for k, (name, said) in enumerate(MEANINGS.items())
     }
     table = dataset([orbit for orbit, _ in found], "sustained", columns).drop_vars("cost")
     for name, (values, said) in _sheets(flow).items():
-        table[name] = ("sheet", values, said.attributes())
-    return table.assign_attrs(given | {"rtol": rtol, "cost": recorder.periods})
+        table[name] = column("sheet", values, said)
+    return table.assign_coords(fixed_coordinates(given)).assign_attrs(rtol=rtol, cost=recorder.periods)
 
 
 def _sheets(flow: SlowFlow) -> dict[str, tuple[np.ndarray, Quantity]]:

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from dimersweep.cubes.cube import names
 from dimersweep.errors import ParameterError
 from dimersweep.plots.style import Look, framed, ink, mark, mode_colors
 
@@ -28,8 +29,8 @@ def looks_of(data: xr.Dataset) -> list[tuple[str, str]]:
 
 def modes_of(data: xr.Dataset) -> list[str]:
     """The mode of each attractor, where it was met first."""
-    modes = data["mode"].values.reshape(-1, data.sizes["attractor"])
-    return [next((str(mode) for mode in column if mode), "") for column in modes.T]
+    modes = names(data[["mode"]])["mode"].values.reshape(-1, data.sizes["attractor"])  # words, in former files
+    return [next((str(mode) for mode in column if mode not in ("", "not_run")), "") for column in modes.T]
 
 
 def labels_of(data: xr.Dataset) -> list[str]:
@@ -44,7 +45,8 @@ def labels_of(data: xr.Dataset) -> list[str]:
 def _borders(data: xr.Dataset, near: float) -> list[tuple[float, str]]:
     """The borders of the changes with their kinds, one of those of a kind that lie `near` each other."""
     kept: list[tuple[float, str]] = []
-    for border, kind in sorted(zip(data["border"].values.tolist(), data["border_kind"].values.tolist(), strict=True)):
+    kinds = names(data[["border_kind"]])["border_kind"].values.tolist()
+    for border, kind in sorted(zip(data["border"].values.tolist(), kinds, strict=True)):
         if np.isfinite(border) and not any(kind == other and border - at < near for at, other in kept):
             kept.append((border, kind))
     return kept

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from dimersweep.cubes.cube import names
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count
@@ -114,7 +115,7 @@ def frames(run: SeenRun, playback: Playback) -> Frames:
     dm, f = dimer_from(run.parameters), run.parameters["f"]
     impacts = np.array([])
     if playback.slow_impacts:
-        impacts = np.unique(run.events["time"].values[np.char.startswith(run.events["kind"].values, "DI")])
+        impacts = np.unique(run.events["time"].values[names(run.events["kind"]).str.startswith("DI")])
     states = run.states(playback.times(impacts, 1 / f))
     first, centre = (1e3 * np.column_stack([states[axis + of] for axis in "xyz"]) for of in ("1", ""))
     beta, theta, gamma = (states[angle].values for angle in ("beta", "theta", "gamma"))

@@ -9,9 +9,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from dimersweep.cubes.cube import names
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.parameters import dimer_from
 from dimersweep.plots.style import MODE_COLORS, Look, beyond_round_off, board, ink
+from dimersweep.symbols import STATE_QUANTITIES
 
 ANGLES = {  # labels of the angles in phase portraits
     "beta": r"$\beta$ [rad]",
@@ -43,7 +45,7 @@ def last_cycle(run: SeenRun) -> tuple[float, float]:
     1.0
     """
     end, cycle = run.n_periods / run.parameters["f"], max(1, run.mode_period) / run.parameters["f"]
-    times = run.events["time"].values[np.char.startswith(run.events["kind"].values, "DI")]
+    times = run.events["time"].values[names(run.events["kind"]).str.startswith("DI")]
     recent = times.size > 0 and times[-1] >= end - cycle
     stop = times[-1] - 1e-6 * cycle if recent else end
     return max(0.0, stop - cycle), stop
@@ -66,19 +68,20 @@ def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
     -------
     xarray.Dataset
         `beta_rate`, `theta_rate`, `gamma_rate` [rad s-1] along `stage`: before the impact, then after each of its rows,
-        with the row's `kind`.
+        with the row's `kind`; before the impact that of the contact.
 
     Examples
     --------
-    >>> from dimersweep import plots, simulate
+    >>> from dimersweep import names, plots, simulate
     >>> run = simulate(periods=60)
-    >>> double = run.events["kind"].str.startswith("DI")
+    >>> double = names(run.events["kind"]).str.startswith("DI")
     >>> rates = plots.impact_rates(run, float(run.events["time"][double][-1]))
     >>> sorted(rates.data_vars)
     ['beta_rate', 'gamma_rate', 'kind', 'theta_rate']
     """
     dm = dimer_from(run.parameters)
-    rows = run.events.isel(event=np.flatnonzero((run.events["time"] == time) & (run.events["cause"] == "impact")))
+    struck = (run.events["time"] == time) & (names(run.events["cause"]) == "impact")
+    rows = run.events.isel(event=np.flatnonzero(struck))
     before = run.states(max(0.0, time - 1e-9 * dm.period))
     theta, theta_rate = float(before["theta"]), float(before["theta_rate"])
     # lateral velocity of each end per theta' cos(beta) and per axial spin, and what a unit impulse gives of these
@@ -94,9 +97,10 @@ def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
         "beta_rate": np.append(float(before["beta_rate"]), dip),
         "theta_rate": np.append(theta_rate, turn),
         "gamma_rate": np.append(float(before["gamma_rate"]), turned[1] - turn * dm.sin_0),
-        "kind": np.append("", rows["kind"]),
     }
-    return xr.Dataset({name: ("stage", values) for name, values in columns.items()})
+    course = {name: ("stage", values, STATE_QUANTITIES[name].attributes()) for name, values in columns.items()}
+    kinds = np.append(rows["contact_before"][:1], rows["kind"])
+    return xr.Dataset(course | {"kind": ("stage", kinds, rows["kind"].attrs)})
 
 
 def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *, color: str | None = None) -> None:
@@ -126,14 +130,15 @@ def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *,
     >>> figure.savefig("portrait.png")
     """
     color = color or ink()
-    events = run.events.isel(event=np.flatnonzero((run.events["time"] >= span[0]) & (run.events["time"] < span[1])))
+    shown = (run.events["time"] >= span[0]) & (run.events["time"] < span[1])
+    events = names(run.events.isel(event=np.flatnonzero(shown)))
     jumps = np.unique(events["time"].values[events["cause"].values == "impact"])
     just_before = np.maximum(span[0], jumps - 1e-9 / run.parameters["f"])
     states = run.states(np.sort(np.concatenate([np.linspace(*span, 2001), just_before, jumps])))
     values = states[angle].values - (0.0 if angle == "beta" else states[angle].values[0])
     rates = states[f"{angle}_rate"].values
     style = np.where(states["contact_state"].values == 0, "-", "--")
-    double = np.isin(states["time"].values, events["time"].values[np.char.startswith(events["kind"].values, "DI")])
+    double = np.isin(states["time"].values, events["time"].values[events["kind"].str.startswith("DI")])
     # a piece ends where the style changes, or where a double impact, drawn by itself, breaks the curve
     breaks = np.flatnonzero((style[1:] != style[:-1]) | double[1:]) + 1
     for first, last in zip([0, *breaks], [*breaks, style.size], strict=True):
@@ -172,7 +177,7 @@ def strobes(axes: Axes, run: SeenRun, angle: str) -> None:
 
 def _impact_marks(axes: Axes, course: xr.Dataset, name: str, value: float, color: str) -> None:
     """A double impact in a phase portrait, where it is a vertical line: marks along each of its rows."""
-    rates, kinds = course[name].values, course["kind"].values
+    rates, kinds = course[name].values, names(course["kind"]).values
     step = np.ptp(rates) / 14 or 1.0
     for start, stop, kind in zip(rates[:-1], rates[1:], kinds[1:], strict=True):
         marks = np.linspace(start, stop, max(2, round(abs(stop - start) / step) + 1))[1:]
@@ -315,7 +320,9 @@ def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
     budget, f = run.energy("event"), run.parameters["f"]
     count = min(periods, run.n_periods)
     late = budget.isel(part=np.flatnonzero(budget["time"].values >= (run.n_periods - count) / f * (1 - 1e-12)))
-    works = late[list(TERMS)].to_dataframe()[list(TERMS)].groupby(late["kind"].values, sort=False).sum() * (1e6 / count)
+    works = late[list(TERMS)].to_dataframe()[list(TERMS)].groupby(names(late["kind"]).values, sort=False).sum() * (
+        1e6 / count
+    )
     greatest = works.abs().to_numpy().max(initial=0.0)
     axes.set_xlabel("work on the dimer, per forcing period [µJ]")
     if not greatest:

@@ -1,6 +1,7 @@
-"""What a cube can do: ``cube.dimersweep.plot()``, ``.run(f=15, beta0="16 deg")``, ``.drifts()``."""
+"""What a result can do: ``cube.dimersweep.run(f=15, beta0="16 deg")``, ``branch.dimersweep.plot()``, ``.to_dataframe()``."""
 
 import warnings
+from collections.abc import Callable
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -21,9 +22,13 @@ from dimersweep.storage.cubefiles import modes_in
 from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.figure import Figure
 
     from dimersweep.plots.style import Look
+
+
+DRAW_TABLE: list[Callable[..., Any]] = []  # what draws tables of orbits, which that room enters here
 
 
 def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
@@ -51,25 +56,36 @@ def _check_same(run: Run, point: xr.Dataset) -> None:
 
 
 @xr.register_dataset_accessor("dimersweep")
-class CubeAccessor:
-    """A cube of `sweep`, `search` or `refine`, as ``cube.dimersweep``.
+class DatasetAccessor:
+    """A cube of `sweep`, `search` or `refine`, as ``cube.dimersweep``; or a table: attractors, a branch, borders, events.
 
     Parameters
     ----------
-    cube : xarray.Dataset
+    data : xarray.Dataset
 
     Raises
     ------
     ParameterError
-        If it is no such cube.
+        If a table is asked for what cubes alone have.
     """
 
-    def __init__(self, cube: xr.Dataset) -> None:
-        if "mode" not in cube or "flag_meanings" not in cube["mode"].attrs:
+    def __init__(self, data: xr.Dataset) -> None:
+        self._data = data
+
+    @property
+    def _is_cube(self) -> bool:
+        data = self._data
+        return "mode" in data and "flag_meanings" in data["mode"].attrs and "attractor" not in data.variables
+
+    @property
+    def _cube(self) -> xr.Dataset:
+        if not self._is_cube:
             raise ParameterError("dimersweep: the dataset is no cube of dimersweep (it has no modes)")
-        self._cube = cube
+        return self._data
 
     def __repr__(self) -> str:
+        if not self._is_cube:
+            return repr(self._data)
         mode = self._cube["mode"]
         check_codes(mode)
         axes = ", ".join(f"{name} ({n})" for name, n in mode.sizes.items()) or "one point"
@@ -79,7 +95,27 @@ class CubeAccessor:
     def _repr_html_(self) -> str:
         from dimersweep.plots.tables import cube_table
 
-        return cube_table(self._cube)
+        return cube_table(self._cube) if self._is_cube else self._data._repr_html_()
+
+    def to_dataframe(self) -> "pd.DataFrame":
+        """The data as a table of pandas with one row a point, and words in place of codes.
+
+        What a point has along a dimension of its own is in columns such as `multipliers_real_0`. Fixed parameters are left
+        out, and what lies along other dimensions, as the meetings of borders do; points are where the first variable is.
+        """
+        data = names(self._data)
+        dims = next(iter(data.data_vars.values())).dims
+        if not dims:
+            data, dims = data.expand_dims("point"), ("point",)
+        columns = {}
+        for name, each in data.data_vars.items():
+            others = {dim: n for dim, n in each.sizes.items() if dim not in dims}
+            for place in np.ndindex(*others.values()) if {*dims} <= {*each.dims} else ():
+                at = each.isel(dict(zip(others, place, strict=True)), drop=True)
+                columns["_".join(map(str, (name, *place)))] = at
+        table = xr.Dataset(columns)
+        fixed = [name for name, each in table.coords.items() if not each.ndim]
+        return table.drop_vars(fixed).to_dataframe(dim_order=list(dims))
 
     def drifts(self) -> xr.DataArray:
         """Which points drift, bool, over the axes of the cube."""
@@ -160,12 +196,12 @@ class CubeAccessor:
         force: bool = False,
         **look: "Unpack[Look]",
     ) -> "Figure":
-        """Draw the cube, and write the picture to `path` if one is given.
+        """Draw a cube, attractors, or a branch, borders or a family of `orbits`, and write it to `path` if one is given.
 
         Parameters
         ----------
         kind : str, optional
-            Such as mode_map; by default the one that the cube was declared for.
+            Such as mode_map; by default the one that the cube was declared for. A table has one kind of picture.
         path : path-like, optional
             Picture to write.
         quantity : str, optional
@@ -177,13 +213,17 @@ class CubeAccessor:
         Raises
         ------
         ParameterError
-            If the cube cannot be drawn so.
+            If the data cannot be drawn so.
         """
-        from dimersweep.plots import check_picture, draw, write_picture
+        from dimersweep.plots import attractors, check_picture, draw, write_picture
 
         if path is not None:
             check_picture(path, force=force, name="picture")
-        figure = draw(self._cube, kind, quantity=quantity, **look)
+        drawing = [attractors] if "attractor" in self._data.variables else DRAW_TABLE
+        if self._is_cube or kind or quantity or not drawing:
+            figure = draw(self._cube, kind, quantity=quantity, **look)
+        else:
+            figure = drawing[0](self._data, **look)
         if path is not None:
             write_picture(figure, path, force=force)
         return figure

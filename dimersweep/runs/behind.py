@@ -82,7 +82,7 @@ def _parameters_at(point: xr.Dataset) -> dict[str, float]:
             raise ParameterError(f"{min({*told} - given)}: comes from another cube than this point; {AS_MADE}")
     if lost:
         raise ParameterError(f"{lost[0]}: {LOST_HERE}")
-    if point["mode"].dtype.kind != "U":  # words, where they are of attractors
+    if "attractor" not in point["mode"].dims:
         _value(point, "mode")
     if "made_with" in point:
         varied = point["made_with"].attrs.get("varied", "").split()

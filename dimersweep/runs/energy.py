@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import column
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.body import dimer_of
@@ -74,11 +75,11 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
     else:
         phases = joined(segments[:-1, PHASE], events[rows, E_PHASE])
         kinds = joined(code_of(*segments[:-1, SEGMENT_MODES : SEGMENT_MODES + 2].T), events[rows, E_KIND]).astype(int)
-        causes = joined(np.full(n - 1, -1.0), events[rows, E_CAUSE]).astype(int)
-        names, dim = (*CAUSES, BETWEEN), "part"
+        causes = joined(np.full(n - 1, len(CAUSES)), events[rows, E_CAUSE]).astype(int)
+        dim = "part"
         labels = {
-            "kind": ("part", np.array(CONTACT_STATES)[kinds], EVENT_QUANTITIES["kind"].attributes()),
-            "cause": ("part", np.array(names)[causes], EVENT_QUANTITIES["cause"].attributes()),
+            "kind": column("part", kinds, EVENT_QUANTITIES["kind"], CONTACT_STATES),
+            "cause": column("part", causes, EVENT_QUANTITIES["cause"], (*CAUSES, BETWEEN)),
         }
         index = {"time": ("part", times_of(periods, phases, f), EVENT_QUANTITIES["time"].attributes())}
     columns = dict(zip(WORK_NAMES, works.T, strict=True)) | {"energy": energy, "residual": residual}

@@ -9,6 +9,7 @@ from zlib import crc32
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import column
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.compiler.jit import plain
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, N_F
@@ -30,7 +31,6 @@ from dimersweep.kernel.model.layout import (
     ROW,
     SLIP,
     STATUS_MESSAGES,
-    STICK,
     Dimer,
     State,
 )
@@ -39,7 +39,9 @@ from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, Record, ne
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENT_QUANTITIES, FORCES, START, STATE_QUANTITIES, Quantity
 
-BETWEEN_IMPACTS = [code_of(first, second) for first in (FREE, STICK, SLIP) for second in (FREE, STICK, SLIP)]
+# words of columns that are flags
+EVENT_WORDS = dict.fromkeys(("kind", "contact_before", "contact_after", "contact_state"), CONTACT_STATES)
+EVENT_WORDS |= {"cause": CAUSES}
 HOP_ROWS, HOP_ROWS_GROWTH = 500, 4  # for the hops that one close sums
 FOLLOWED = 0.95  # share of the time for which these may be followed: clear of its end
 STARTED = tuple(  # what a state to start from is given by
@@ -75,7 +77,8 @@ def times_of(periods: np.ndarray, phases: np.ndarray, f: float) -> np.ndarray:
 
 def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], dim: str) -> xr.Dataset:
     """Columns of one length with their units and meanings, in the order of `quantities`."""
-    return xr.Dataset({name: (dim, columns[name], quantity.attributes()) for name, quantity in quantities.items()})
+    told = {name: column(dim, columns[name], said, EVENT_WORDS.get(name, ())) for name, said in quantities.items()}
+    return xr.Dataset(told)
 
 
 def events_of(record: RunRecord) -> xr.Dataset:
@@ -92,9 +95,6 @@ def events_of(record: RunRecord) -> xr.Dataset:
             columns[f"slip_{end}_a"][ended], columns[f"slip_{end}_b"][ended] = slip_at(dm, s, end - 1)
     columns["phase"] = np.mod(columns["phase"] + parameters["phi0"], 2 * pi)
     ends = np.array(digits_of(columns["kind"].astype(int)))
-    columns["cause"] = np.array(CAUSES)[columns["cause"].astype(int)]
-    for name in ("kind", "contact_before", "contact_after"):
-        columns[name] = np.array(CONTACT_STATES)[columns[name].astype(int)]
     for own, other in ((0, 1), (1, 0)):
         bystander = (ends[own] == 0) & (ends[other] > IMPACT)
         for way in ("a", "b"):
@@ -222,16 +222,11 @@ def _states(row: np.ndarray, times: np.ndarray, kernel_states: np.ndarray, modes
         "y": s.y1 - h_1 * cos_b * cos_t,
         "z": z1 - h_1 * sin_b,
         "plate": plate,
-        "contact_state": code_of(modes[:, 0], modes[:, 1]).astype(np.int8),
+        "contact_state": code_of(modes[:, 0], modes[:, 1]),
     }
-    states = _dataset(columns, STATE_QUANTITIES, "time").assign_coords(
-        time=("time", times, EVENT_QUANTITIES["time"].attributes())
+    return _dataset(columns, STATE_QUANTITIES, "time").assign_coords(
+        time=column("time", times, EVENT_QUANTITIES["time"])
     )
-    states["contact_state"].attrs |= {
-        "flag_values": np.array(BETWEEN_IMPACTS, dtype=np.int8),
-        "flag_meanings": " ".join(CONTACT_STATES[code] for code in BETWEEN_IMPACTS),
-    }
-    return states
 
 
 def named_state(row: np.ndarray, start: np.ndarray) -> dict[str, float]:

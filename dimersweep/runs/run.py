@@ -223,7 +223,7 @@ class Run(RunNumbers):
         An impact has one row for each of its contact states, all at the same time, with its own share of the impulses.
         The velocity of a contact point that takes no part in an impact is NaN. A chatter ends where its bounces accumulate,
         or at the next event if it comes before. A slip that ends where nothing holds it goes on in another direction: its
-        cause is slip, and not stick.
+        cause is slip, and not stick. Kinds, causes and contact states are flags, see `names`.
 
         Raises
         ------
@@ -232,8 +232,8 @@ class Run(RunNumbers):
 
         Examples
         --------
-        >>> from dimersweep import simulate
-        >>> events = simulate(periods=60).events
+        >>> from dimersweep import names, simulate
+        >>> events = names(simulate(periods=60).events)
         >>> impacts = events.sel(event=events["cause"] == "impact")
         >>> impacts["kind"].values[-3:].tolist()
         ['SI1_sk', 'SI1_sp', 'SI1_sk']

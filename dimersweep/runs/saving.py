@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import PACKED
+from dimersweep.cubes.cube import PACKED, fixed_coordinates
 from dimersweep.errors import StoreError, one_line
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import N_START
@@ -27,7 +27,7 @@ from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.formats.netcdf import read_netcdf
 from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
-from dimersweep.symbols import FORMER_NAMES, PARAMETERS
+from dimersweep.symbols import FORMER_NAMES
 
 ROWS = {  # arrays of the kernel, their dimensions and meanings
     "event_rows": (("event", "event_column"), "events as the kernel wrote them"),
@@ -66,10 +66,7 @@ def _as_dataset(fields: Mapping[str, Any], events: xr.Dataset) -> xr.Dataset:
     }
     for variable in variables.values():
         variable.encoding.update(PACKED, _FillValue=None)
-    parameters = {
-        name: xr.Variable((), value, PARAMETERS[name].attributes()) for name, value in fields["parameters"].items()
-    }
-    dataset = events.drop_encoding().assign(variables).assign_coords(parameters)
+    dataset = events.drop_encoding().assign(variables).assign_coords(fixed_coordinates(fields["parameters"]))
     dataset.attrs = attributes(_configuration(fields), "run of a 3D dimer on a vibrating plate", 0.0)
     del dataset.attrs["dimersweep_cube"], dataset.attrs["wall_time_s"]
     return dataset.assign_attrs(dimersweep_run="1", mode=fields["mode"], status=fields["status"])

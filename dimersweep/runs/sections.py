@@ -6,6 +6,7 @@ from typing import Literal, get_args
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import names
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import number
@@ -46,6 +47,7 @@ def impacts_at(events: xr.Dataset, at: str) -> np.ndarray:
 
     An end that lands is in the air before the first row; in a later row of the same impact it may come back after a rebound.
     """
+    events = names(events)
     (rows,) = np.nonzero((events["cause"] == "impact").values)
     impulses = np.array([events["impulse_1"].values[rows], events["impulse_2"].values[rows]])
     times, begins = np.unique(events["time"].values[rows], return_index=True)

@@ -11,17 +11,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import coordinate
+from dimersweep.cubes.cube import column, coordinate, fixed_coordinates, without_fill
 from dimersweep.cubes.grid import axis_values, make_points
 from dimersweep.cubes.results import Field
-from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
-from dimersweep.kernel.model.layout import CODE_N_PERIODS, WAVES
+from dimersweep.kernel.model.layout import CODE_N_PERIODS, M_NOT_RUN, MODES, WAVES
 from dimersweep.orbits.features import Mirrors, features_of_orbit, mirrors_of
 from dimersweep.orbits.finding import find
 from dimersweep.orbits.following import traced
+from dimersweep.orbits.kinds import kind_words
 from dimersweep.orbits.orbit import COLUMNS, PeriodicOrbit, multiplier_columns, padded
+from dimersweep.orbits.slow_flow import SPIN_KINDS
 from dimersweep.orbits.sustained import MEANINGS
 from dimersweep.parameters import check_level, check_name, value_of
 from dimersweep.runs.solving import run_settings
@@ -33,12 +34,13 @@ from dimersweep.studies.observers import EndStates, Observer
 from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Study
 from dimersweep.studies.telling_apart import Attractor, Classifier, distance, matched
-from dimersweep.symbols import PARAMETERS, START
+from dimersweep.symbols import PARAMETERS, START, Quantity
 from dimersweep.work.computing import settle_way
 from dimersweep.work.options import make_options
 
 STARTING = (*START, "phi0")  # parameters that starts are drawn from
 NONE = -1  # in place of the number of a start
+FATES = ("none", *SPIN_KINDS, *MODES[1:])  # of a spin that stays somewhere, or of a motion that leaves its family
 OF_AN_ORBIT = tuple(name for name in COLUMNS if name != "cost")  # numbers of an orbit that each attractor has
 
 
@@ -119,7 +121,7 @@ def attractors(
     observe : callable or str, optional
         An observer of your own, as in `sweep`: what it makes of the run of each start stands along `start`.
     out : path-like, optional
-        NetCDF file to write the result to as well, with switches as 0 and 1.
+        NetCDF file to write the result to as well.
     force : bool
         Whether it may replace an existing file.
     workers : int, optional
@@ -132,11 +134,11 @@ def attractors(
     xarray.Dataset
         Over the values of `over`, if given, and `attractor`, numbered from 1, the most frequent first: `count`, `share` [1]
         and the ends `share_low` and `share_high` of its interval by Wilson's score; the number of a `representative` start
-        along `start`; `mode`, `periods` and `word`; whether its `orbit` was found where the run of the representative ends,
-        and the numbers of that, NaN without one: `spin`, `radius`, `period`, `zeta`, `speed`, `multipliers_real` and others.
-        `basin` has the attractor of each start. With `slow` the orbit is that to which the spin comes; `fate`, `spin_low` and
-        `spin_high` are `kind` and spins of `orbits.sustained`; `fate` is "kept" where no spin changes, and the mode for those
-        that leave the family.
+        along `start`; `mode` (not_run where it is not met), `periods` and `word`; whether its `orbit` was found where the run
+        of the representative ends, and the numbers of that, NaN without one: `spin`, `radius`, `period`, `zeta`, `speed`,
+        `multipliers_real` and others. `basin` has the attractor of each start. Words are flags (see `names`). With `slow` the
+        orbit is that to which the spin comes; `fate`, `spin_low` and `spin_high` are `kind` and spins of `orbits.sustained`;
+        `fate` is "kept" where no spin changes, the mode for those that leave the family, and none where it is not known.
         With `over`, along `change`: which attractor appears or goes, between which values, and the `border` that `orbits` has
         for it on the way. The attribute `cost` is the number of forcing periods of the runs of all starts.
 
@@ -151,9 +153,9 @@ def attractors(
 
     Examples
     --------
-    >>> from dimersweep import attractors
+    >>> from dimersweep import attractors, names
     >>> found = attractors({"beta0": ("1 deg", "89 deg")}, starts=40, periods=200, progress=False)
-    >>> found["mode"].values.tolist()
+    >>> names(found["mode"]).values.tolist()
     ['rest', 'drift']
     """
     out, began = None if out is None else check_output(out, force=force, what="a table", endings=TABLES), perf_counter()
@@ -187,7 +189,7 @@ def attractors(
     if out is not None:
         asked = {"periods": periods, "max_periods": max_periods, "rtol": rtol, "mirror": mirrored, "level": wanted}
         about = attributes(asked, "Attractors and the shares of starts that lead to them", perf_counter() - began)
-        write_cube(without_fill(storable(data).assign_attrs(about)), out, force=force)
+        write_cube(without_fill(data.assign_attrs(about)), out, force=force)
     return data
 
 
@@ -313,7 +315,7 @@ class Census(Study):
         axis = self.over or "value"
         if checks:
             table = [[row.get(k, False) for k in range(len(known))] for row in checks]
-            data["confirmed"] = ((axis, "attractor"), table, _meaning("whether a longer run is still there"))
+            data["confirmed"] = column((axis, "attractor"), table, "whether a longer run is still there")
         for each in (field for observer in self.observers[1:] for field in observer.fields):
             data[each.name] = self._of_each_start(each, results[each.name], axis)
             if each.along:
@@ -323,9 +325,8 @@ class Census(Study):
         else:
             data = data.assign_coords({axis: (axis, self.values, PARAMETERS[axis].attributes())})
             self._add_changes(data, rows)
-        scalars = {key: ((), value, PARAMETERS[key].attributes()) for key, value in self.grid.fixed.items()}
         cost = int(results["codes"][:, CODE_N_PERIODS].sum())
-        return data.assign_coords(scalars).assign_attrs(plot="attractors", cost=cost)
+        return data.assign_coords(fixed_coordinates(self.grid.fixed)).assign_attrs(plot="attractors", cost=cost)
 
     def _labelled(self, rows: Sequence[Mapping[int, Attractor]], number: int) -> xr.Dataset:
         """The attractors of each value, so many in all, and the one of each start."""
@@ -336,33 +337,31 @@ class Census(Study):
 
         axis, n = self.over or "value", self.size // self.values.size
         over, nothing = (axis, "attractor"), padded(np.zeros(0))
-        data = xr.Dataset(coords={"attractor": ("attractor", 1 + np.arange(number), _meaning("its number"))})
-        for name, (meaning, empty, read) in (_READ | (_FATE if self.slow else {})).items():
-            data[name] = (over, table(empty, read), meaning)
+        data = xr.Dataset(coords={"attractor": column("attractor", 1 + np.arange(number), "its number")})
+        for name, (said, empty, read, *words) in (_READ | (_FATE if self.slow else {})).items():
+            data[name] = column(over, table(empty, read), said, *words)
         multipliers = table(nothing, lambda one: nothing if one.orbit is None else padded(one.orbit.multipliers))
         data.update(multiplier_columns((*over, "multiplier"), multipliers))
-        data["share"] = data["count"] / n
-        data["share"].attrs = _meaning("share of the starts")
+        data["share"] = column(over, data["count"] / n, "share of the starts")
         counts = data["count"].values.tolist()
         # doi 10.1080/01621459.1927.10502953
         intervals = [[binomtest(count, n).proportion_ci(self.level, "wilson") for count in row] for row in counts]
         for end, bound in zip(("low", "high"), np.moveaxis(np.array(intervals), -1, 0), strict=True):
-            name = f"{end} end of the share's interval"
-            data[f"share_{end}"] = (over, bound, _meaning(name) | {"level": self.level})
+            data[f"share_{end}"] = column(over, bound, f"{end} end of the share's interval")
+            data[f"share_{end}"].attrs["level"] = self.level
         basin = np.zeros((len(rows), n), dtype=np.int64)
         for k, row in enumerate(rows):
             for place, attractor in row.items():
                 basin[k, attractor.members] = place + 1
-        data["basin"] = ((axis, "start"), basin, _meaning("number of the attractor that a start leads to"))
-        columns = {key: ("start", column, PARAMETERS[key].attributes()) for key, column in self.starts.items()}
-        return data.assign_coords(columns)
+        data["basin"] = column((axis, "start"), basin, "number of the attractor that a start leads to")
+        return data.assign_coords({key: column("start", each, PARAMETERS[key]) for key, each in self.starts.items()})
 
     def _of_each_start(self, field: Field, values: np.ndarray, axis: str) -> xr.Variable:
         """What an observer tells of each start."""
         dims = (axis, "start", *([field.along.name] if field.along else []))
         if values.dtype.kind == "S":
             values = values.astype(str)
-        return xr.Variable(dims, values.reshape(self.values.size, -1, *field.shape), field.quantity.attributes())
+        return column(dims, values.reshape(self.values.size, -1, *field.shape), field.quantity)
 
     def _classifier(self, k: int, results: np.ndarray) -> Classifier:
         """What tells the motions at one of the values apart."""
@@ -383,14 +382,11 @@ class Census(Study):
                 if attractor.orbit is not None:
                     border = border_between(attractor.orbit, self.over, beyond)
                 changes.append((number + 1, "goes" if goes else "appears", *self.values[k : k + 2], *border))
+        words = {"what": ("appears", "goes"), "border_kind": (*kind_words(), "lost")}
         for k, (name, kind, units, meaning) in enumerate(_CHANGE):
-            column: np.ndarray = np.array([row[k] for row in changes], dtype=kind)
+            entries: np.ndarray = np.array([row[k] for row in changes], dtype=kind)
             unit = PARAMETERS[self.over].units if units is None else units
-            data[name] = ("change", column, {"units": unit, "long_name": meaning})
-
-
-def _meaning(text: str) -> dict[str, Any]:
-    return {"units": "1", "long_name": text}
+            data[name] = column("change", entries, Quantity(unit, meaning), words.get(name, ()))
 
 
 def _of_orbit(name: str, attractor: Attractor) -> float:
@@ -403,29 +399,25 @@ def _sequence(attractor: Attractor) -> str:
     return "" if attractor.features is None else attractor.features.sequence
 
 
-# variables of each attractor: attributes, what stands where it is not met, and how it is read
-_READ: dict[str, tuple[dict[str, Any], Any, Callable[[Attractor], Any]]] = {
-    "count": (_meaning("number of starts that lead there"), 0, lambda one: one.members.size),
-    "mode": (_meaning("mode of the representative"), "", lambda one: one.mode),
+# variables of each attractor: meaning, what stands where it is not met, how it is read, and the words of a flag
+_READ: dict[str, Any] = {
+    "count": ("number of starts that lead there", 0, lambda one: one.members.size),
+    "mode": ("mode of the representative", MODES[M_NOT_RUN], lambda one: one.mode, MODES),
     "periods": (
-        _meaning("forcing periods after which it repeats; 0 if it does not"),
+        "forcing periods after which it repeats; 0 if it does not",
         0,
         lambda one: 0 if one.features is None else one.features.periods,
     ),
-    "word": (_meaning("sequence of contact states"), "", _sequence),
-    "representative": (_meaning("number of a start that leads there"), NONE, lambda one: one.representative),
-    "orbit": (_meaning("whether its orbit was found"), False, lambda one: one.orbit is not None),
-    "stable": (
-        _meaning("whether an orbit was found that is stable"),
-        False,
-        lambda one: one.orbit is not None and one.orbit.stable,
-    ),
-} | {name: (COLUMNS[name].attributes(), nan, partial(_of_orbit, name)) for name in OF_AN_ORBIT}
+    "word": ("sequence of contact states", "", _sequence),
+    "representative": ("number of a start that leads there", NONE, lambda one: one.representative),
+    "orbit": ("whether its orbit was found", False, lambda one: one.orbit is not None),
+    "stable": ("whether an orbit was found that is stable", False, lambda one: bool(one.orbit and one.orbit.stable)),
+} | {name: (COLUMNS[name], nan, partial(_of_orbit, name)) for name in OF_AN_ORBIT}
 # with `slow`
-_FATE: dict[str, tuple[dict[str, Any], Any, Callable[[Attractor], Any]]] = {
-    "fate": (_meaning("how the spin stays where it comes to"), "", lambda one: one.fate.kind if one.fate else ""),
-    "spin_low": (MEANINGS["spin_low"].attributes(), nan, lambda one: one.fate.low if one.fate else nan),
-    "spin_high": (MEANINGS["spin_high"].attributes(), nan, lambda one: one.fate.high if one.fate else nan),
+_FATE: dict[str, Any] = {
+    "fate": ("how the spin stays where it comes to", "none", lambda one: one.fate.kind if one.fate else "none", FATES),
+    "spin_low": (MEANINGS["spin_low"], nan, lambda one: one.fate.low if one.fate else nan),
+    "spin_high": (MEANINGS["spin_high"], nan, lambda one: one.fate.high if one.fate else nan),
 }
 # variables of a change: name, type, unit (that of the parameter, if None), meaning
 _CHANGE = (

@@ -15,8 +15,8 @@ import numpy as np
 import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict
 
+from dimersweep.cubes.cube import column, without_fill
 from dimersweep.cubes.grid import axis_values, evenly
-from dimersweep.cubes.tables import storable, without_fill
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.inputs import check_count
 from dimersweep.kernel import kernel_version
@@ -24,7 +24,7 @@ from dimersweep.orbits.border_grid import border
 from dimersweep.orbits.families import family, spin_range
 from dimersweep.orbits.finding import checked, checked_spin, find
 from dimersweep.orbits.following import follow
-from dimersweep.orbits.kinds import BORDER_KINDS
+from dimersweep.orbits.kinds import BORDER_KINDS, kind_words
 from dimersweep.parameters import check_name, value_of
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.files import delete, disk_errors
@@ -33,7 +33,7 @@ from dimersweep.storage.outputs import TABLES, check_ending, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.storage.store import Store, StoredTile, finished_at, opened_store
 from dimersweep.studies.declared import read_sections
-from dimersweep.symbols import PARAMETERS, START
+from dimersweep.symbols import PARAMETERS, START, Quantity
 from dimersweep.work.computing import settle_way
 
 Tell = Callable[[str], None]
@@ -221,9 +221,7 @@ def make_borders(
         try:
             tables = []
             for place, (name, make) in enumerate(makers.items()):
-                tables.append(
-                    storable(make(tell)) if out is None else kept_part(store, place, name, partial(make, tell))
-                )
+                tables.append(make(tell) if out is None else kept_part(store, place, name, partial(make, tell)))
             attrs = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
             attrs["dimersweep_borders"] = attrs.pop("dimersweep_cube")
             made = without_fill(_joined(declared, tables).assign_attrs(attrs))
@@ -247,7 +245,7 @@ def parts_of(out: Path) -> Path:
 def kept_part(store: Store, place: int, name: str, make: Callable[[], xr.Dataset]) -> xr.Dataset:
     """A part of that number: read if the store has it, or made and kept; both come the same way."""
     row = next(store.meeting(place, place + 1), None)
-    made = storable(make()) if row is None else None
+    made = make() if row is None else None
     with disk_errors(f"{store.path}: finished parts", "run the same again"):
         try:
             if row is not None:
@@ -280,18 +278,19 @@ def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
     along = {"curves": "border", "branches": "point", "families": "over"}[declared.what]
     beside = [name for name in tables[0].data_vars if "meeting" in tables[0][name].dims]
     own = [table.drop_vars(beside) for table in tables]
-    words = {name: "" for table in own for name, column in table.data_vars.items() if column.dtype.kind in "OU"}
-    made = xr.concat(own, dim=along, combine_attrs="override", fill_value=words)
-    for name in words:
-        made[name] = made[name].astype(str)  # empty where a kind of border has no such word
+    kinds = {name: each.dtype for table in own for name, each in table.data_vars.items()}
+    # what stands where a kind of border has no such column; NaN for numbers
+    lacking = {name: "" if kind.kind in "OU" else kind.type(0) for name, kind in kinds.items() if kind.kind in "OUbi"}
+    made = xr.concat(own, dim=along, combine_attrs="override", fill_value=lacking)
+    for name in lacking.keys() & {name for name in made if made[name].dtype.kind == "O"}:
+        made[name] = made[name].astype(str)
     made.attrs = {}
     if declared.families is not None:
         for name in declared.axes:
-            column = [point[name] for point in declared.points()]
-            made = made.assign_coords({name: (along, np.array(column), PARAMETERS[name].attributes())})
+            values = [point[name] for point in declared.points()]
+            made = made.assign_coords({name: column(along, values, PARAMETERS[name])})
     if declared.curves is not None:
-        # words along a dimension of another name: CF has numbers only in a coordinate that is named like its dimension
-        made = made.assign_coords(kind=(along, np.array(declared.curves.kinds), {"long_name": "kind of border"}))
+        made = made.assign_coords(kind=column(along, declared.curves.kinds, "kind of border", kind_words()))
         met = xr.concat([table[beside] for table in tables], dim="meeting", combine_attrs="override")
         made = made.assign({name: met[name] for name in beside})
     if part := declared.curves or declared.branches:
@@ -314,10 +313,8 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
         table["ball"] = ball.broadcast_like(table[curves.parameter])
     else:
         table["ball"] = xr.full_like(table[curves.parameter], np.nan)
-    table["ball"].attrs = {
-        "units": "1",
-        "long_name": "this border of a ball that bounces once a period, in closed form",
-    }
+    said = Quantity("1", "this border of a ball that bounces once a period, in closed form")
+    table["ball"].attrs = said.attributes()
     return table
 
 
@@ -330,12 +327,9 @@ def _branch(
     table = follow(orbit, branches.parameter, to=end, **how)
     size = table.sizes["point"]
     tell(f"{_at(point, declared)}to {branches.parameter} = {end:g}: {size} points; {table.attrs['end']}")
-    columns = {"branch": np.full(size, number, dtype=np.int32)}
-    columns |= {name: np.full(size, point[name]) for name in declared.over}
-    for name, values in columns.items():
-        units = PARAMETERS[name].attributes() if name in PARAMETERS else {"long_name": "number of the branch"}
-        table[name] = ("point", values, units)
-    return table
+    table["branch"] = column("point", np.full(size, number), "number of the branch")
+    along = {name: column("point", np.full(size, point[name]), PARAMETERS[name]) for name in declared.over}
+    return table.assign_coords(along)
 
 
 def _family(declared: Borders, families: Families, point: dict[str, float], tell: Tell) -> xr.Dataset:

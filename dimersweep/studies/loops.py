@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import coordinate, variable
+from dimersweep.cubes.cube import column, variable
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.cubes.results import runs
 from dimersweep.errors import ParameterError
@@ -75,9 +75,9 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
     xarray.Dataset
         Along `loop`, one after the other on each line of the cube, in the unit of the axis: `low` and `high`, the middles of
         the steps in which its ends lie, with `low_error` and `high_error`, half the lengths of these; NaN for an end that lies
-        beyond the axis. Besides the values of the other axes, and the modes on the way up and down next to each end inside
-        the loop, such as `mode_up_low`; and where the cube has an observer, what that tells at the value of the axis next to
-        each end inside the loop, such as `peak_up_low`. The attribute `cost` is the number of forcing periods that were run.
+        beyond the axis. Besides the modes on the way up and down next to each end inside the loop, such as `mode_up_low`; and
+        where the cube has an observer, what that tells at the value of the axis next to each end inside the loop, such as
+        `peak_up_low`. Parameters are coordinates. The attribute `cost` is the number of forcing periods that were run.
 
     Raises
     ------
@@ -212,7 +212,7 @@ def _table(cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: li
     """The loops as a dataset."""
     units, meaning = PARAMETERS[axis].units, PARAMETERS[axis].long_name
     lines = np.array([line for line, _ in found], dtype=int)
-    columns = {name: (cube[name].values[numbers[lines]], PARAMETERS[name]) for name, numbers in places.items()}
+    columns = {}
     for k, which in enumerate(SIDES):
         below, above = np.array([pair[k][:2] for _, pair in found]).reshape(-1, 2).T
         columns[which] = 0.5 * (below + above), Quantity(units, f"{which} end of the loop: {meaning}")
@@ -220,13 +220,15 @@ def _table(cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: li
             0.5 * (above - below),
             Quantity(units, f"half the step that the {which} end lies in"),
         )
-    table = xr.Dataset({name: ("loop", values, said.attributes()) for name, (values, said) in columns.items()})
+    table = xr.Dataset({name: column("loop", values, said) for name, (values, said) in columns.items()})
     for (k, which), (way, word) in product(enumerate(SIDES), enumerate(DIRECTIONS)):
         flags = variable("mode", ("loop",), np.array([pair[k].modes[way] for _, pair in found], dtype=np.int8))
         flags.attrs["long_name"] += f" on the way {word}, inside the loop at its {which} end"
         table[f"mode_{word}_{which}"] = flags
-    number = Quantity("1", "number of the loop")
-    return table.assign_coords(loop=coordinate("loop", np.arange(len(found)), number))
+    told = {name: column("loop", cube[name].values[each[lines]], PARAMETERS[name]) for name, each in places.items()}
+    fixed = {name: cube[name].variable for name in PARAMETERS if name in cube.coords and not cube[name].ndim}
+    told["loop"] = column("loop", np.arange(len(found)), "number of the loop")
+    return table.assign_coords(fixed | told)
 
 
 def _observed(variable: xr.DataArray, others: int, found: list[tuple[int, Ends]]) -> dict[str, xr.Variable]:

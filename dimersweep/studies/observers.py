@@ -8,6 +8,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from dimersweep.cubes.cube import names
 from dimersweep.cubes.results import Along, Field
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_count
@@ -134,7 +135,7 @@ class Sustained(Observer):
                 found = sustained(**dict(zip(ROW, row.tolist(), strict=True)))
             except OrbitError:
                 continue
-            result["sustained"] = (found["kind"] != "cycle").sum()
+            result["sustained"] = (names(found["kind"]) != "cycle").sum()
             attracts = found.isel(sustained=found["attracts"].values)
             if attracts.sizes["sustained"]:
                 off = np.abs(attracts["spin"].values - abs(result["out"][OUT.index("spin")]))

@@ -5,7 +5,7 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from dimersweep import simulate
+from dimersweep import names, simulate
 from dimersweep.kernel.model.layout import HARMONICS, WAVES
 from dimersweep.parameters import updated, without_effect
 from dimersweep.symbols import ENDS
@@ -54,7 +54,7 @@ def engine_states(scene, times, rtol):
     run = simulate(**scene, periods=int(np.ceil(times[-1] * scene["f"] - 1e-9)), rtol=rtol)
     assert run.status == "ok", run.message
     states = run.states(times)
-    events = run.events
+    events = names(run.events)
     double = np.char.startswith(events["kind"].values, "DI")
     starts = events["time"].values[double]
     return np.column_stack([states[name] for name in COLUMNS]), starts[np.diff(starts, prepend=-1.0) > 1e-12]

@@ -6,7 +6,7 @@ from math import pi
 import numpy as np
 import pytest
 
-from dimersweep import simulate
+from dimersweep import names, simulate
 from dimersweep.kernel import batch
 from dimersweep.kernel.compiler.records import record_type
 from dimersweep.kernel.course import BUDGET, BUDGET_PER_PERIOD, new_workspace
@@ -256,12 +256,12 @@ def test_scenes_make_headway(case, rtol):
 
 def test_a_ball_chatters_to_rest_and_is_thrown_off_again():
     run = simulate(Gamma=1.3, beta0=0.2, periods=8)
-    causes = list(run.events["cause"].values)
+    events = names(run.events)
+    causes = list(events["cause"].values)
     assert "chatter_end" in causes
     later = causes[causes.index("chatter_end") :]
     assert "lift_off" in later
     # where the plate falls faster than gravity both ends leave it, and with it every contact
-    events = run.events
     thrown = (events["cause"].values == "lift_off") & (events["contact_after"].values == "FM")
     assert thrown.any()
     acceleration = 1.3 * np.sin(events["phase"].values[thrown])
@@ -279,8 +279,8 @@ def test_every_answer_has_a_name_and_every_status_a_message():
     assert len(STATUSES) == len(STATUS_MESSAGES) == len(set(STATUSES)) == len(set(STATUS_MESSAGES))
     codes = {name: getattr(layout, name.upper()) for name in STATUSES}
     assert list(codes.values()) == list(range(len(STATUSES)))
-    for prefix, names in (("M_", layout.MODES), ("DI_", layout.DI_ENDS), ("C_", layout.CAUSES)):
-        assert [getattr(layout, prefix + name.upper()) for name in names] == list(range(len(names)))
+    for prefix, words in (("M_", layout.MODES), ("DI_", layout.DI_ENDS), ("C_", layout.CAUSES)):
+        assert [getattr(layout, prefix + name.upper()) for name in words] == list(range(len(words)))
 
 
 def test_contact_states_are_those_of_table_1():
@@ -300,7 +300,7 @@ def test_contact_states_are_those_of_table_1():
 def test_a_run_starts_as_the_paper_says():
     """p1 on the plate and at rest in space but for xdot0, so that the plate hits it at once."""
     run = simulate(phi0=0.7, beta0=0.4, xdot0=0.8, periods=1)
-    first = run.events.isel(event=0)
+    first = names(run.events).isel(event=0)
     assert (first["time"].item(), first["cause"].item(), first["kind"].item()) == (0, "impact", "SI1_sp")
     rise = 0.9 * G / (2 * pi * 15) * np.cos(0.7)
     for rate in ("gap_1_rate_before", "gap_2_rate_before"):
@@ -369,7 +369,7 @@ def first_impact(gap0, beta0, rtol):
     """Velocities after the first impact of a drop from `gap0`, with a slip that goes with it, over that of the landing."""
     v = np.sqrt(2 * 9.81 * gap0)
     events = simulate(**ENDS, gap0=gap0, beta0=beta0, xdot0=1.3 * v, ydot0=-0.4 * v, periods=1, rtol=rtol).events
-    impacts = np.flatnonzero(events["cause"].values == "impact")
+    impacts = np.flatnonzero(names(events["cause"]) == "impact")
     times = events["time"].values[impacts]
     last = impacts[times == times[0]][-1]
     return np.array([events[name].values[last] for name in AFTER]) / v

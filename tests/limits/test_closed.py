@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpmath import mpf
 
-from dimersweep import simulate
+from dimersweep import names, simulate
 from tests.oracle.body import dimer
 
 from .cases import Impact, coordinates, engine_impact
@@ -22,7 +22,7 @@ def run_of(periods=1, **parameters):
     """A run; its events' times, causes, and gap rates of p1 before."""
     run = simulate(periods=periods, rtol=RTOL, **parameters)
     assert run.status == "ok"
-    events = run.events
+    events = names(run.events)
     return run, events["time"].values, events["cause"].values, events["gap_1_rate_before"].values
 
 

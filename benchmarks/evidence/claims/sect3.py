@@ -12,14 +12,15 @@ from dimersweep.orbits.kinds import ball_fold
 def cycle_times(run: Run) -> np.ndarray:
     """Times of the last full cycle, from just before a double impact to just before the next [s]."""
     T = 1 / run.parameters["f"]
-    kinds = run.events["kind"].values
+    kinds = names(run.events["kind"]).values
     last = run.events["time"].values[np.char.startswith(kinds, "DI")][-1]
     return np.linspace(last - T, last, 20_001)[:-1] - 1e-6 * T
 
 
 def last_double_impact(run: Run) -> list[str]:
     """Contact states of the last double impact, in their order."""
-    rows = run.events.isel(event=np.flatnonzero(run.events["cause"].values == "impact"))
+    rows = names(run.events)
+    rows = rows.isel(event=np.flatnonzero(rows["cause"] == "impact"))
     double = np.char.startswith(rows["kind"].values, "DI")
     last = rows["time"].values[double][-1]
     return rows["kind"].values[double & (rows["time"].values == last)].tolist()
@@ -84,7 +85,7 @@ def first_quadrant(lab: Lab) -> Finding:
 )
 def opposite_velocities(lab: Lab) -> Finding:
     run = lab.base
-    double = np.flatnonzero(np.char.startswith(run.events["kind"].values, "DI"))[-1]
+    double = np.flatnonzero(np.char.startswith(names(run.events["kind"]).values, "DI"))[-1]
     time = run.events["time"].values[double]
     before = run.states(time - 1e-9 / run.parameters["f"])
     plate = (before["z1_rate"] - before["gap_1_rate"]).item()
@@ -150,7 +151,7 @@ def d_shape(lab: Lab) -> Finding:
 def _impact_changes(run: Run, name: str) -> dict[str, float]:
     """Change of a rate by the double impact and by the single impacts of the last cycle together."""
     times = cycle_times(run)
-    rows = run.events
+    rows = names(run.events)
     inside = (rows["time"].values >= times[0]) & (rows["time"].values < times[-1]) & (rows["cause"].values == "impact")
     changes = {}
     for family in ("DI", "SI"):

@@ -1,0 +1,205 @@
+"""Results in one style: words are flags, fixed parameters coordinates, and what is written is read back as it was."""
+
+import subprocess
+import sys
+from math import prod
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import dimersweep
+from dimersweep import names, orbits, plots
+from dimersweep.errors import ParameterError
+from dimersweep.orbits.pictures import draw_borders
+from dimersweep.symbols import PARAMETERS
+
+pytestmark = pytest.mark.jit
+FREE_TEXTS = {"word", "status", "meets", "low_end", "high_end", "low_leads", "high_leads"}
+AXIS = {"Gamma": [0.6, 0.9]}
+STARTS = {"beta0": ("1 deg", "60 deg")}
+
+
+MAKERS = {
+    "sweep": lambda run: dimersweep.sweep(AXIS, periods=60, certify=True, progress=False),
+    "bifurcation": lambda run: dimersweep.bifurcation(AXIS, periods=60, strobes=3, progress=False),
+    "search": lambda run: dimersweep.search(
+        AXIS | {"beta0": [0.1, 0.25, 0.4]}, over="beta0", ask="first", periods=60, progress=False
+    ),
+    "loops": lambda run: dimersweep.loops(
+        dimersweep.sweep({"e": [0.6], "Gamma": np.linspace(0.7, 1.1, 5)}, periods=200, carry="both", progress=False)
+    ),
+    "attractors": lambda run: dimersweep.attractors(STARTS, starts=12, periods=300, progress=False),
+    "attractors over": lambda run: dimersweep.attractors(
+        STARTS, starts=8, over={"Gamma": [0.7, 0.9]}, periods=300, slow=True, confirm=400, progress=False
+    ),
+    "branch": lambda run: orbits.follow(orbits.find(spin=100.0), "Gamma", to=1.3),
+    "branch in the spin": lambda run: orbits.follow(orbits.find(spin=100.0), "spin", to=110.0),
+    "family": lambda run: orbits.family(spin=(90.0, 110.0), points=4),
+    "fold": lambda run: orbits.border("fold", "Gamma", over={"e": [0.58, 0.6]}, spin=100.0),
+    "end": lambda run: orbits.border("stable_to", "Gamma", over={"e": [0.6], "A_r": [6.0, 7.0]}, spin=100.0),
+    "change": lambda run: orbits.border("stick_slip", "Gamma", over={"e": [0.6]}, spin=100.0),
+    "curve": lambda run: orbits.border_curve("flip", "Gamma", "e", span=(0.59, 0.61), spin=100.0),
+    "sustained": lambda run: orbits.sustained(A_r=5, f=22, e=0.65, mu=0.1, mu_s=0.15, Gamma=0.9),
+    "events": lambda run: run.events,
+    "states": lambda run: run.states([0.0, 1.0]),
+    "section": lambda run: run.section(),
+    "landings": lambda run: run.section("landing_2"),
+    "energy": lambda run: run.energy(),
+    "energy of events": lambda run: run.energy("event"),
+    "error": lambda run: run.error(),
+    "impact": lambda run: plots.impact_rates(run, float(run.section("double_impact")["time"][-1])),
+}
+ROWS = {  # what the points of a result lie along, where that is not its first variable's
+    "fold": ("e",),
+    "sustained": ("sustained",),
+}
+
+
+@pytest.fixture(scope="module")
+def results():
+    """Each kind of result, once."""
+    run = dimersweep.simulate(periods=60)
+    return {name: make(run) for name, make in MAKERS.items()}
+
+
+each_result = pytest.mark.parametrize("name", MAKERS)
+
+
+@each_result
+def test_every_result_is_written_as_it_is_and_read_back_equal(name, results, tmp_path):
+    results[name].to_netcdf(tmp_path / "result.nc")
+    with xr.open_dataset(tmp_path / "result.nc") as back:
+        xr.testing.assert_identical(back.load(), results[name])
+
+
+@each_result
+def test_words_of_a_fixed_set_are_flags(name, results):
+    data = results[name]
+    texts = {str(each) for each in data.variables if data[each].dtype.kind in "OU"}
+    assert texts <= FREE_TEXTS | ({"change"} if name == "change" else set())
+    for each, variable in data.variables.items():
+        assert variable.dtype.kind != "c" and "units" not in variable.attrs.keys() & texts
+        if variable.dtype == bool or variable.dtype == np.int8:
+            words = names(data[each])
+            assert set(words.values.ravel().tolist()) <= set(variable.attrs["flag_meanings"].split())
+            assert "units" not in variable.attrs and variable.attrs["long_name"]
+    told = names(data)
+    assert {
+        str(each) for each in told.variables if told[each].dtype.kind == "i" and "flag_values" in told[each].attrs
+    } == set()
+    assert set(told.coords) == set(data.coords)
+
+
+@each_result
+def test_fixed_parameters_are_coordinates_with_units(name, results):
+    data = results[name]
+    assert not [each for each in data.attrs if each in PARAMETERS]
+    fixed = {str(each): data[each] for each in data.coords if each in PARAMETERS and not data[each].ndim}
+    if "made_with" not in data.variables or "mode" in data:  # of runs, which have their parameters themselves
+        known = {"events", "energy", "energy of events", "error", "impact"}
+        assert name in known or {"f", "mu", "A_r", "e"} - set(data.variables) == set()
+    for each, value in fixed.items():
+        assert value.attrs["units"] == PARAMETERS[each].units
+        assert value.attrs["long_name"] == PARAMETERS[each].long_name
+
+
+@each_result
+def test_a_table_of_pandas_has_one_row_a_point(name, results):
+    data = results[name]
+    dims = next(iter(data.data_vars.values())).dims
+    table = data.dimersweep.to_dataframe()
+    assert len(table) == prod(data.sizes[dim] for dim in dims)
+    assert not [
+        column for column in table if column in PARAMETERS and column not in data.dims and not data[column].ndim
+    ]
+    for column in ("multipliers_real", "multipliers_imag"):
+        if column in data:
+            wide = np.column_stack([table[f"{column}_{k}"] for k in range(data.sizes["multiplier"])])
+            np.testing.assert_array_equal(wide, data[column].values.reshape(wide.shape))
+
+
+def test_one_point_is_one_row(results):
+    one = results["bifurcation"].isel(Gamma=1)
+    table = one.dimersweep.to_dataframe()
+    assert len(table) == 1
+    assert table["mode"].tolist() == ["drift"]
+    assert table["strobe_gap_2_2"].tolist() == [one["strobe_gap_2"].values[2]]
+
+
+def test_truth_values_choose_points_and_have_words(results):
+    branch = results["branch"]
+    stable = branch.where(branch["stable"], drop=True)
+    assert 0 < stable.sizes["point"] < branch.sizes["point"]
+    assert (abs(stable["multipliers_real"].isel(multiplier=0)) <= 1).all()
+    assert (names(branch["stable"]) == "yes").equals(branch["stable"].drop_attrs())
+    assert names(branch)["stable"].dtype == bool
+
+
+def test_a_branch_has_its_parameter_as_a_coordinate(results):
+    assert results["branch"]["Gamma"].dims == ("point",) and "Gamma" in results["branch"].coords
+    assert "spin" in results["branch in the spin"].coords
+    assert {"e", "Gamma"} <= set(results["curve"].coords)
+    assert set(results["loops"].coords) >= {"e", "f"}
+
+
+@pytest.mark.parametrize("name", ["attractors", "attractors over", "branch", "fold", "end", "curve", "family", "sweep"])
+def test_what_has_a_picture_draws_itself(name, results, tmp_path):
+    figure = results[name].dimersweep.plot(path=tmp_path / "drawn.png")
+    assert (tmp_path / "drawn.png").stat().st_size > 10_000
+    assert figure.axes
+
+
+def test_a_branch_and_its_border_are_drawn_where_they_are(results):
+    branch, curve = results["branch"], results["curve"]
+    axes = branch.dimersweep.plot().axes[0]
+    (flip,) = np.flatnonzero(names(branch["special"]) == "flip")[:1]
+    marked = [line.get_xydata() for line in axes.lines if line.get_marker() not in ("None", None)]
+    place = [branch["Gamma"].values[flip], branch["radius"].values[flip]]
+    assert min(np.abs(np.array(points) - place).sum(axis=1).min() for points in marked if len(points)) < 1e-12
+    axes = curve.dimersweep.plot().axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("$e$", r"$\Gamma$")
+    np.testing.assert_array_equal(axes.lines[0].get_xydata(), np.column_stack([curve["e"], curve["Gamma"]]))
+    assert "axial spin = 100" in results["curve"].dimersweep.plot().get_suptitle()
+
+
+def test_what_has_none_says_so(results):
+    with pytest.raises(ParameterError, match="neither curves nor branches nor families"):
+        results["events"].dimersweep.plot()
+    with pytest.raises(ParameterError, match="no cube of dimersweep"):
+        results["branch"].dimersweep.plot("mode_map")
+    with pytest.raises(ParameterError, match="no cube of dimersweep"):
+        results["attractors"].dimersweep.drifts()
+
+
+def formerly(data):
+    """A table as former versions had it: words, switches as flags or numbers, and parameters as attributes."""
+    words = {name: names(data[name]).astype(object) for name in ("special", "change", "kind") if name in data.variables}
+    words = {name: each.where(each != "none", "") for name, each in words.items()}
+    switches = {name: each.astype(np.int8) for name, each in data.data_vars.items() if each.dtype == bool}
+    fixed = {str(name): float(data[name]) for name in data.coords if name in PARAMETERS and not data[name].ndim}
+    return data.assign(words | switches).drop_vars(fixed).assign_attrs(fixed)
+
+
+@pytest.mark.parametrize("name", ["branch", "fold", "family"])
+def test_a_table_of_a_former_version_is_drawn_as_one_of_this_version(name, results):
+    before, now = (draw_borders(table) for table in (formerly(results[name]), results[name]))
+    assert before.get_suptitle() == now.get_suptitle() != ""
+    for one, other in zip(before.axes, now.axes, strict=True):
+        assert len(one.lines) == len(other.lines) > 0
+        for line, same in zip(one.lines, other.lines, strict=True):
+            np.testing.assert_array_equal(line.get_xydata(), same.get_xydata())
+            assert (line.get_linestyle(), line.get_marker()) == (same.get_linestyle(), same.get_marker())
+
+
+def test_orbits_bring_what_their_tables_can_do_without_loading_matplotlib():
+    program = """
+import sys
+from dimersweep.orbits import family
+import xarray
+assert hasattr(xarray.Dataset, "dimersweep") and "matplotlib" not in sys.modules
+from dimersweep.runs.accessor import DRAW_TABLE
+assert len(DRAW_TABLE) == 1
+"""
+    done = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
