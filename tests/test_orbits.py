@@ -214,3 +214,19 @@ def test_former_names_of_the_symbol_sequence_warn(base):
         assert base.word == base.sequence
     with pytest.deprecated_call(match="is sequences now"):
         orbits.follow(base, "Gamma", to=0.89, points=2, words=False)
+
+
+@pytest.mark.parametrize("given", [{"spin": 100.0}, {"spin": 100.0, "Gamma": 1.6}])
+def test_an_orbit_shows_itself_in_a_notebook(given, tmp_path):
+    orbit = orbits.find(**given)
+    table = orbit._repr_html_()
+    word = "stable" if orbit.stable else "unstable"
+    for text in (f"Orbit: {word}", "100 rad/s", f"{orbit.radius:.6g} m", orbit.sequence.replace(">", "&gt;")):
+        assert text in table
+    assert ("the base case" in table) == orbit.stable
+    figure = orbit.plot(tmp_path / "orbit.png")
+    assert (tmp_path / "orbit.png").exists()
+    assert figure.get_suptitle().startswith(f"{word} orbit of spin 100 rad/s: ")
+    cycles, heights = figure.axes[0].lines[0].get_xydata().T  # it repeats: one that is unstable has not left yet
+    assert_allclose(np.interp(cycles[:1000] + 1, cycles, heights), heights[:1000], atol=0.02)
+    assert np.ptp(heights) > 5

@@ -4,10 +4,14 @@ import heapq
 import json
 import pickle
 import re
+import sys
 import threading
 import time
 import warnings
+from pathlib import Path
+from types import SimpleNamespace
 
+import nbformat
 import numpy as np
 import pytest
 import xarray as xr
@@ -26,12 +30,13 @@ from dimersweep.studies.declared import from_cube
 from dimersweep.studies.search import search
 from dimersweep.studies.sweep import study_of
 from dimersweep.work import proving
-from dimersweep.work.progress import Tally, in_lines
+from dimersweep.work.progress import Tally, in_lines, notebook_bar
 from dimersweep.work.proving import CLOSE, SCENES, outcomes, proof
 from dimersweep.work.scheduling import TASK_POINTS, Pace
 from tests.fakes import failing, fake_run_many, raising, run_tile
 from tests.seams import no_work, prove_with, set_pace, use_kernel
 
+ROOT = Path(__file__).parents[1]
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
 
 
@@ -360,6 +365,33 @@ def test_a_log_gets_plain_lines(capsys, monkeypatch):
     assert (
         capsys.readouterr().err == "4/4 points, 100 %, elapsed 0:00:00, left 0:00:00: drift 2, rest 1, unresolved 1\n"
     )
+
+
+@pytest.mark.jit
+def test_a_notebook_gets_a_live_bar():
+    """One output of the cell, which is shown at once, moves, and tells the modes in the end; nothing goes to stderr."""
+    nbclient, seen = pytest.importorskip("nbclient"), []
+
+    class Watching(nbclient.NotebookClient):
+        def process_message(self, msg, *rest):
+            seen.append((msg["msg_type"], msg["content"].get("data", {}).get("text/html", "")))
+            return super().process_message(msg, *rest)
+
+    source = "import dimersweep\ncube = dimersweep.sweep({'Gamma': [0.5, 0.6, 0.9]}, periods=60)"
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(source)])
+    Watching(notebook, timeout=500, kernel_name="python3", resources={"metadata": {"path": str(ROOT)}}).execute()
+    bars = [html for kind, html in seen if kind in ("display_data", "update_display_data")]
+    assert bars[0] == "<progress value=0></progress>"
+    (output,) = (each for each in notebook.cells[0].outputs if "data" in each)
+    assert output.data["text/html"] == bars[-1]
+    assert not [each for each in notebook.cells[0].outputs if "points" in each.get("text", "")]
+    assert '<progress value="3" max="3"' in bars[-1] and bars[-1].endswith("rest 2, drift 1")
+
+
+def test_a_process_without_a_notebook_has_no_bar(monkeypatch):
+    assert notebook_bar() is None
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: None))  # imported, but no kernel
+    assert notebook_bar() is None
 
 
 # --- the known scenes with which a process begins -----------------------------------------------------------------------

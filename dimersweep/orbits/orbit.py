@@ -4,7 +4,8 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from os import PathLike
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 import xarray as xr
@@ -20,9 +21,15 @@ from dimersweep.runs.period_map import NAMES
 from dimersweep.runs.run import Run, as_run
 from dimersweep.runs.solving import exactly, run_row
 from dimersweep.runs.starting import start_of
-from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, Quantity
+from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, START, Quantity, conditions
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from dimersweep.plots.style import Look
 
 FORMER_WORD = "PeriodicOrbit.word is PeriodicOrbit.sequence now; the former name goes with the next release"
+SHOWN_PERIODS = 12  # of an orbit in its picture: one that is unstable has not left it yet
 CIRCLE = 1e-12  # turn of a period [rad] that is none
 CHORDS = 16  # parts of a forcing period: with these the radius of the base case's path is known to 1e-6 m
 
@@ -164,6 +171,11 @@ class PeriodicOrbit:
             f"zeta {self.zeta:.6g} rad, residual {self.residual:.1e}{others}>"
         )
 
+    def _repr_html_(self) -> str:
+        from dimersweep.plots.tables import orbit_table
+
+        return orbit_table(self)
+
     @cached_property
     def path(self) -> MeanPath:
         """The mean path of the centre of mass."""
@@ -214,6 +226,18 @@ class PeriodicOrbit:
         start = start_of(run.states(0.0))
         del start["phase"]  # which is phi0
         return replace(run, start=start)
+
+    def plot(self, path: str | PathLike[str] | None = None, *, force: bool = False, **look: "Unpack[Look]") -> "Figure":
+        """Heights, path and phase portraits of a run that starts on the orbit, as by `Run.plot`.
+
+        Raises
+        ------
+        ParameterError, StoreError
+            If the picture cannot be written.
+        """
+        told = f"{'stable' if self.stable else 'unstable'} orbit of spin {self.spin:.6g} rad/s"
+        heading = f"{told}: {conditions(self.parameters, START, tex=True)}"
+        return self.run(SHOWN_PERIODS * self.periods).plot(path, force=force, **{"title": heading} | look)
 
 
 def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrbit:

@@ -1,7 +1,8 @@
-"""Runs and cubes as small tables of HTML, for notebooks."""
+"""Runs, orbits and cubes as small tables of HTML, for notebooks."""
 
 from collections.abc import Iterable
 from html import escape
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -10,7 +11,7 @@ from dimersweep.cubes.seen_run import SeenRun, meanings
 from dimersweep.kernel.model.layout import DOWN_WORDS, MODES
 from dimersweep.plots.style import MODE_COLORS, fixed_of, percent
 from dimersweep.storage.cubefiles import modes_in
-from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, symbol, units_shown, value_shown
+from dimersweep.symbols import PARAMETERS, QUANTITIES, START, conditions, symbol, units_shown, value_shown
 
 SHOWN_OF_ORBIT = ("radius", "path_radius", "period", "zeta", "speed", "impact_phase")
 
@@ -25,12 +26,30 @@ def run_rows(run: SeenRun) -> list[tuple[str, str]]:
     if run.status != "ok":
         rows.append(("status", f"{run.status}: {run.message}"))
     if run.orbit:
-        for name in SHOWN_OF_ORBIT:
-            value = f"{getattr(run.orbit, name):.6g} {units_shown(QUANTITIES[name].units)}"
-            rows.append((name.replace("_", " "), value))
+        rows += _numbers(run.orbit, SHOWN_OF_ORBIT)
     elif run.mode in DOWN_WORDS:
         rows.append(("both ends stay down", f"the centre of mass moves at {run.end_speed:.3g} m/s"))
     return rows + list(meanings(run).items())[1:]
+
+
+def _numbers(orbit: Any, shown: Iterable[str]) -> list[tuple[str, str]]:
+    """Numbers of an orbit by their names, with units."""
+    return [
+        (name.replace("_", " "), f"{getattr(orbit, name):.6g} {units_shown(QUANTITIES[name].units)}") for name in shown
+    ]
+
+
+def orbit_table(orbit: Any) -> str:
+    """What a `PeriodicOrbit` is: its parameters but for a start, its numbers, its stability and its sequence."""
+    largest = f"{abs(orbit.multipliers[0]):.6g}, the largest of the fast part in size"
+    rows = [
+        ("parameters", conditions(orbit.parameters, START, always=()) or "the base case"),
+        ("repeats after", f"{orbit.periods} of {1 / orbit.parameters['f']:.4g} s"),
+        *_numbers(orbit, ("spin", *SHOWN_OF_ORBIT, "path_speed")),
+        ("multiplier", largest),
+        ("sequence", orbit.sequence),
+    ]
+    return _table(f"Orbit: {'stable' if orbit.stable else 'unstable'}", rows)
 
 
 def run_table(run: SeenRun) -> str:

@@ -1,10 +1,11 @@
-"""How far a sweep is: a live bar on a terminal, a plain line now and then in a log."""
+"""How far a sweep is: a live bar in a notebook or on a terminal, a plain line now and then in a log."""
 
 import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from html import escape
 from time import perf_counter
 
 from rich.console import Console
@@ -12,7 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from dimersweep.kernel.compiler.ways import FAST, PLAIN, is_compiled, way
 
-LINE_SECONDS = 10.0  # between two plain lines
+LINE_SECONDS, BAR_SECONDS = 10.0, 0.2  # between two plain lines, and two looks of the bar in a notebook
 ENOUGH_SECONDS = 2.0  # of work by each worker, before its time left is shown
 COMPILE_TIMES = {FAST: "10 to 60 s", PLAIN: "1 to 4 minutes"}
 COMPILE_STEP, COMPILE_SHOWN = 10.0, 600.0  # between two lines while the kernel is compiled, and how long at most [s]
@@ -92,21 +93,38 @@ def clock(seconds: float) -> str:
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
 
-def in_lines() -> Callable[[Tally], None]:
-    """Shows a `Tally` on stderr by a plain line every `LINE_SECONDS` and at the end, for logs."""
+def in_lines(
+    write: Callable[[str, Tally], None] = lambda line, _: print(line, file=sys.stderr, flush=True),
+    seconds: float = LINE_SECONDS,
+) -> Callable[[Tally], None]:
+    """Shows a `Tally` by a line at most once in so many seconds, and at the end; by default on stderr, for logs."""
     last = perf_counter()
 
     def show(tally: Tally) -> None:
         nonlocal last
         now = perf_counter()
-        if now - last < LINE_SECONDS and tally.done < tally.total:
+        if now - last < seconds and tally.done < tally.total:
             return
         last = now
         share = f"{tally.done}/{tally.total} points, {100 * tally.done // tally.total} %"
-        times = f"elapsed {tally.elapsed}, left {tally.time_left()}"
-        print(f"{share}, {times}: {tally.words()}", file=sys.stderr, flush=True)
+        write(f"{share}, elapsed {tally.elapsed}, left {tally.time_left()}: {tally.words()}", tally)
 
     return show
+
+
+def notebook_bar() -> Callable[[Tally], None] | None:
+    """Shows a `Tally` as a bar in the notebook that this process works for; none if it works for none."""
+    ipython = sys.modules.get("IPython")  # a kernel has imported it
+    if not hasattr(ipython and ipython.get_ipython(), "kernel"):
+        return None
+    from IPython.display import HTML, display
+
+    shown = display(HTML("<progress value=0></progress>"), display_id=True)
+
+    def write(line: str, tally: Tally) -> None:
+        shown.update(HTML(f'<progress value="{tally.done}" max="{tally.total}"></progress> {escape(line)}'))
+
+    return in_lines(write, BAR_SECONDS)
 
 
 def report_compiling() -> None:
@@ -127,15 +145,16 @@ def _report_seconds() -> None:
 
 @contextmanager
 def watch(total: int, before: Mapping[str, int], workers: Callable[[], int], *, show: bool) -> Iterator[Tally]:
-    """A `Tally`, which is shown on stderr if it is to be: as a bar on a terminal, as lines in a log."""
+    """A `Tally`, which is shown if it is to be: as a bar in a notebook, as one on a terminal, as lines in a log (stderr)."""
     console = Console(stderr=True)
     if not show:
         yield Tally(total, before, workers)
         return
-    if not console.is_terminal:
+    bar = notebook_bar()
+    if bar or not console.is_terminal:
         if done := sum(before.values()):
             print(f"going on: {done} of {total} points are done", file=sys.stderr, flush=True)
-        yield Tally(total, before, workers, in_lines())
+        yield Tally(total, before, workers, bar or in_lines())
         return
     left = TextColumn("{task.fields[left]}", style="progress.remaining")
     columns = (BarColumn(), MofNCompleteColumn(), TextColumn("points"), left, TextColumn("{task.description}"))
