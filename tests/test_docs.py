@@ -24,9 +24,10 @@ from sybil.parsers.rest import DocTestParser
 import dimersweep
 from dimersweep import refine, search, sweep
 from dimersweep.cubes.cube import FLAGS
+from dimersweep.parameters import Parameters
 from dimersweep.studies.border_files import Borders
 from dimersweep.studies.declared import Declaration, read_declaration
-from dimersweep.symbols import Picture
+from dimersweep.symbols import PARAMETERS, Picture
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *ROOT.glob("*.md")])
@@ -204,6 +205,33 @@ def test_every_public_function_and_class_has_an_example(module):
     public = {name: getattr(import_module(module), name) for name in import_module(module).__all__}
     without = [name for name, value in public.items() if callable(value) and ">>> " not in (value.__doc__ or "")]
     assert without == []
+
+
+def test_the_help_of_a_run_has_each_parameter_of_the_model_with_its_unit_meaning_and_default():
+    scrape = pytest.importorskip("numpydoc.docscrape")
+    told = {each.name: (each.type, *each.desc) for each in scrape.FunctionDoc(dimersweep.simulate)["Parameters"]}
+    shown = {*inspect.signature(dimersweep.simulate).parameters} - {"harmonics"}
+    assert shown <= told.keys() and len(told) == len(shown) + 1  # that of all of them
+    used = dimersweep.simulate(periods=1, record=False).parameters
+    for name in shown & PARAMETERS.keys():
+        kind, meaning = told[name]
+        units, default = PARAMETERS[name].units, kind.removeprefix("float or str, default ")
+        assert meaning == f"{PARAMETERS[name].long_name} [{units}]"
+        if name in used:
+            assert float(default) == pytest.approx(used[name], rel=1e-5)
+        elif default.replace(".", "").isdigit():  # it changes nothing to give it
+            assert Parameters(**{name: float(default)}).row().tolist() == Parameters().row().tolist()
+        else:
+            assert default in (*PARAMETERS, "sqrt(r_2/r_1)")
+
+
+@pytest.mark.parametrize("name", ["sweep", "search", "refine"])
+def test_what_makes_a_cube_names_its_options(name):
+    options = {"out", "workers", "progress", "force", "attrs", "client", "extend", "retry", "fail_fast", "keep_tiles"}
+    shown = inspect.signature(getattr(dimersweep, name)).parameters
+    assert options <= shown.keys()
+    assert not [each for each in shown.values() if each.kind is each.VAR_KEYWORD]
+    assert (shown["progress"].default, shown["workers"].default, shown["force"].default) == (True, None, False)
 
 
 PAGES_OF_NAMES = re.findall(r"^   ([\w.]+)$", text_of("docs/api.md"), re.MULTILINE)

@@ -13,7 +13,7 @@ from dimersweep.runs.behind import parameters_of, was_carried
 from dimersweep.runs.recorded import parameters_in
 from dimersweep.runs.run import Run, proven_run, simulate_checked
 from dimersweep.runs.solving import check_recorded, run_settings
-from dimersweep.runs.starting import is_point, named, start_of
+from dimersweep.runs.starting import is_point, listed, named, start_of
 from dimersweep.symbols import START
 
 
@@ -51,8 +51,8 @@ def simulate(
         Bound on the time that the run takes [s]. One that is stopped so has the status "stopped", the `n_periods` that it
         came to, and the events and states up to there.
     **parameters : float or str
-        Parameters of the model in SI units, each by its name, or what is given in place of some, see `Parameters`; an angle may
-        be a text such as "16 deg", a length one such as "2 mm".
+        Parameters of the model in SI units, each by its name, as below, or what is given in place of some, see `Parameters`; an
+        angle may be a text such as "16 deg", a length one such as "2 mm".
 
     Returns
     -------
@@ -94,6 +94,7 @@ def simulate(
 
 
 simulate.__signature__ = named(simulate)  # type: ignore[attr-defined]
+simulate.__doc__ = listed(simulate.__doc__ or "")
 
 
 def _with_start(given: Mapping[str, Any], known: Mapping[str, float], start: Mapping[str, float]) -> Parameters:

@@ -1,7 +1,7 @@
 """A run that starts from any state: the names of `Run.states` to the kernel's state, and what a start may be."""
 
 from collections.abc import Mapping
-from inspect import Parameter, Signature
+from inspect import Parameter, Signature, cleandoc
 from math import cos, degrees, pi, sin
 from typing import Any
 
@@ -14,7 +14,7 @@ from dimersweep.kernel.model.body import dimer_of, rise_at
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, N_STATE, Dimer, State
 from dimersweep.kernel.model.plate import motion
 from dimersweep.parameters import dimer_from
-from dimersweep.symbols import BASE, FORMER_NAMES, HIGHER, PARAMETERS, STAND_INS, STATE_QUANTITIES
+from dimersweep.symbols import BASE, FORMER_NAMES, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, STAND_INS, STATE_QUANTITIES
 
 CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]
 GAPS_AGREE = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
@@ -141,6 +141,18 @@ def named(function: Any) -> Signature:
         if name not in HIGHER
     ]
     return Signature([*model, *own])
+
+
+def listed(docstring: str) -> str:
+    """The docstring of such a function, with an entry for each parameter of the model behind those that it has."""
+    entries = []
+    for name, quantity in (PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}).items():
+        value = (BASE | LEFT_OUT).get(name, "none")
+        default = value if isinstance(value, str) else f"{value:.6g}"
+        if name not in HIGHER:
+            entries.append(f"{name} : float or str, default {default}\n    {quantity.long_name} [{quantity.units}]")
+    before, returns, after = cleandoc(docstring).partition("\n\nReturns\n")
+    return "\n".join([before, *entries]) + returns + after
 
 
 def fitted(start: np.ndarray, before: np.ndarray, row: np.ndarray) -> np.ndarray:

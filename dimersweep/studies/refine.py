@@ -21,7 +21,7 @@ from dimersweep.studies.making import make_cube
 from dimersweep.studies.observing import OwnObserver
 from dimersweep.studies.search import MIXED, REGIONS, Search
 from dimersweep.studies.study import Batch, Sample
-from dimersweep.work.options import Given
+from dimersweep.work.options import Given, with_options
 
 MAX_HALVINGS = 12
 FILLED = ("answer", "region", "mode")  # what a point that was not computed takes from the cell around it
@@ -308,3 +308,6 @@ def refine(
     settings: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
     coarse = search.study_of(grid, fixed, over=over, ask=ask, mode=mode, observe=observe, **settings)
     return make_cube(study_of(coarse, halvings, between), **options)
+
+
+refine.__signature__ = with_options(refine)  # type: ignore[attr-defined]

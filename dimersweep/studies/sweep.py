@@ -16,7 +16,7 @@ from dimersweep.studies.making import make_cube
 from dimersweep.studies.observers import Certify, Observer, Sustained, strobes_of
 from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Study
-from dimersweep.work.options import Given
+from dimersweep.work.options import Given, with_options
 
 
 def study_of(
@@ -169,6 +169,9 @@ def sweep(
     how |= {"certify": certify, "strobes": strobes, "carry": carry, "sustained": sustained}
     study = study_of(grid, fixed, points=points, observe=observe, **how)
     return make_cube(study, **options)
+
+
+sweep.__signature__ = with_options(sweep)  # type: ignore[attr-defined]
 
 
 def bifurcation(

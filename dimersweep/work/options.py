@@ -2,7 +2,8 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -44,6 +45,16 @@ class Options:
     attrs: Mapping[str, Any] = field(default_factory=dict)
     extend: str | os.PathLike[str] | None = None
     retry: bool = False
+
+
+def with_options(function: Any) -> Signature:
+    """The signature of a function that takes the options as keywords, each of them named."""
+    own = signature(function)
+    shown = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
+    usual = {each.name: each.default for each in fields(Options)} | {"workers": None, "attrs": None}
+    kinds = Given.__annotations__.items()
+    shown += [Parameter(name, Parameter.KEYWORD_ONLY, default=usual[name], annotation=kind) for name, kind in kinds]
+    return own.replace(parameters=shown)
 
 
 IN_PASSING = Options(workers=1, progress=False)  # for a part that is run by the way
