@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from html import escape
+from importlib import import_module
 from time import perf_counter
 
 from rich.console import Console
@@ -117,12 +118,12 @@ def notebook_bar() -> Callable[[Tally], None] | None:
     ipython = sys.modules.get("IPython")  # a kernel has imported it
     if not hasattr(ipython and ipython.get_ipython(), "kernel"):
         return None
-    from IPython.display import HTML, display
+    shows = import_module("IPython.display")
 
-    shown = display(HTML("<progress value=0></progress>"), display_id=True)
+    shown = shows.display(shows.HTML("<progress value=0></progress>"), display_id=True)
 
     def write(line: str, tally: Tally) -> None:
-        shown.update(HTML(f'<progress value="{tally.done}" max="{tally.total}"></progress> {escape(line)}'))
+        shown.update(shows.HTML(f'<progress value="{tally.done}" max="{tally.total}"></progress> {escape(line)}'))
 
     return in_lines(write, BAR_SECONDS)
 
