@@ -50,6 +50,18 @@ def call(monkeypatch, capsys):
 
 
 @pytest.fixture
+def done(call):
+    """Run a command that succeeds; what it printed."""
+
+    def run(*arguments):
+        out, err, code = call(*arguments)
+        assert code == 0, err
+        return out
+
+    return run
+
+
+@pytest.fixture
 def empty_folder(tmp_path, monkeypatch):
     """Work in an empty folder, which is given."""
     monkeypatch.chdir(tmp_path)

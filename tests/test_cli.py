@@ -37,18 +37,6 @@ def in_an_empty_folder(empty_folder):
 
 
 @pytest.fixture
-def done(call):
-    """Run a command that succeeds; what it printed."""
-
-    def run(*arguments):
-        out, err, code = call(*arguments)
-        assert code == 0, err
-        return out
-
-    return run
-
-
-@pytest.fixture
 def refused(call):
     """Run a command that is refused in a line, or in so many, and prints nothing before; what is said."""
 

@@ -24,18 +24,6 @@ def in_an_empty_folder(empty_folder):
     Path("small.toml").write_text((ROOT / "sweeps" / "fig07-small.toml").read_text())
 
 
-@pytest.fixture
-def done(call):
-    """Run a command that succeeds; what it printed."""
-
-    def run(*arguments):
-        out, err, code = call(*arguments)
-        assert code == 0, err
-        return out
-
-    return run
-
-
 # --- help -------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 def test_no_flag_is_shown_with_a_type(command):

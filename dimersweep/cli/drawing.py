@@ -54,6 +54,7 @@ def plot(
     if kind is not None and kind not in PICTURE_KINDS:
         raise ParameterError(f"kind: {unknown(kind, 'kind of picture', PICTURE_KINDS)}")
     from dimersweep.plots import check_picture
+    from dimersweep.runs import accessor  # noqa: F401 - what a result can do
     from dimersweep.storage.cubefiles import open_result
     from dimersweep.storage.outputs import refuse_input
 
@@ -71,8 +72,10 @@ def plot(
     with interruptible(picture):
         for each in select or ():
             opened = _selected(opened, each)
-        if "dimersweep_cube" in opened.attrs and "attractor" not in opened.dims:
+        if opened.dimersweep.is_cube:
             print_cube(tell, opened)
+        else:
+            from dimersweep import orbits  # noqa: F401 - pictures of tables
         draw_beside(tell, opened, picture, kind, quantity)
 
 
@@ -121,7 +124,6 @@ def draw_beside(
     tell: Printer, cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None
 ) -> None:
     """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and print its path."""
-    from dimersweep import orbits  # noqa: F401 - pictures of their tables
     from dimersweep.plots import write_picture
 
     marked = {"Keywords": PICTURE_MARK + cube.attrs.get("configuration_sha256", "none")}

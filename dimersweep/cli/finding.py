@@ -46,7 +46,7 @@ def orbits(
     _check_files(out, plot, force=force)
     given = {each: value for each, value in parameters.items() if value is not None}
     with interruptible(out, plot):
-        _start(tell)
+        tell.report_compiling()
         from dimersweep import orbits as found
         from dimersweep.orbits.orbit import dataset
 
@@ -92,7 +92,7 @@ def attractors(
     drawn = dict(_parted(each, 2) for each in ranges)
     name, values = _parted(over, 3) if over else ("", [])
     with interruptible(out, plot):
-        _start(tell)
+        tell.report_compiling()
         from dimersweep.studies.attractors import attractors
 
         found = attractors(
@@ -121,13 +121,6 @@ def _check_files(out: Path | None, plot: Path | None, *, force: bool) -> None:
         check_output(out, force=force, what="a table", endings=TABLES)
     if plot is not None:
         check_picture(plot, force=force, name="plot")
-
-
-def _start(tell: Printer) -> None:
-    from dimersweep.work.progress import report_compiling
-
-    if not tell.quiet:
-        report_compiling()
 
 
 def _parted(text: str, count: int) -> tuple[str, list[Any]]:

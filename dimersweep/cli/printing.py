@@ -29,6 +29,13 @@ class Printer:
             typer.echo(line)
         self.told |= values
 
+    def report_compiling(self) -> None:
+        """Say on stderr that the kernel is about to be compiled, if it is."""
+        from dimersweep.work.progress import report_compiling
+
+        if not self.quiet:
+            report_compiling()
+
     @property
     def shown(self) -> bool:
         """Whether lines are printed."""

@@ -49,7 +49,6 @@ def simulate(
         check_output(save, force=force, name="save", what="a run", endings=TABLES)
     from dimersweep.inputs import check_count, check_rtol, check_seconds
     from dimersweep.parameters import Parameters
-    from dimersweep.work.progress import report_compiling
 
     # checked here as well, so that a typing error is reported before seconds of imports and compiling
     Parameters(**parameters)
@@ -58,8 +57,7 @@ def simulate(
     check_seconds(max_seconds)
     recorded = error or bool(plot or movie or save)
     with interruptible(save, plot, movie):
-        if not tell.quiet:
-            report_compiling()
+        tell.report_compiling()
         from dimersweep.cubes.seen_run import meanings
         from dimersweep.runs.simulating import simulate
         from dimersweep.runs.solving import check_recorded

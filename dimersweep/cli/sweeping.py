@@ -129,13 +129,11 @@ def plan(
     """Print points, size and time of a declared sweep from a timed sample; nothing is written."""
     from dimersweep.studies.planning import plan
     from dimersweep.work.options import make_options
-    from dimersweep.work.progress import report_compiling
 
     declared = _declared(declaration)
     study = declared.study(periods=periods, rtol=rtol, carry=carry, observe=_here(observe))
     threads = make_options(workers=workers).workers
-    if not tell.quiet:
-        report_compiling()
+    tell.report_compiling()
     made = plan(study, threads, Path(declared.sweep.output))
     tell(*made.lines(), **made.as_dict())
 
@@ -196,7 +194,6 @@ def borders(
     from dimersweep.storage.cubefiles import open_cube
     from dimersweep.storage.outputs import TABLES, check_output, refuse_input
     from dimersweep.studies.border_files import make_borders, parts_of, plan_borders, read_borders
-    from dimersweep.work.progress import report_compiling
 
     declared = read_borders(find_declaration(declaration, "borders"))
     out = out or Path(declared.borders.output)
@@ -212,8 +209,7 @@ def borders(
     with interruptible(out, drawn, parts=parts_of(out)):
         from dimersweep.orbits.pictures import draw_borders
 
-        if not tell.quiet:
-            report_compiling()
+        tell.report_compiling()
         table = make_borders(declared, out, force=force, tell=tell)
         write_picture(draw_borders(table, under), drawn, force=force)
         seconds = table.attrs["wall_time_s"]

@@ -73,18 +73,19 @@ class DatasetAccessor:
         self._data = data
 
     @property
-    def _is_cube(self) -> bool:
+    def is_cube(self) -> bool:
+        """Whether it is a cube, and no table."""
         data = self._data
         return "mode" in data and "flag_meanings" in data["mode"].attrs and "attractor" not in data.variables
 
     @property
     def _cube(self) -> xr.Dataset:
-        if not self._is_cube:
+        if not self.is_cube:
             raise ParameterError("dimersweep: the dataset is no cube of dimersweep (it has no modes)")
         return self._data
 
     def __repr__(self) -> str:
-        if not self._is_cube:
+        if not self.is_cube:
             return repr(self._data)
         mode = self._cube["mode"]
         check_codes(mode)
@@ -95,7 +96,7 @@ class DatasetAccessor:
     def _repr_html_(self) -> str:
         from dimersweep.plots.tables import cube_table
 
-        return cube_table(self._cube) if self._is_cube else self._data._repr_html_()
+        return cube_table(self._cube) if self.is_cube else self._data._repr_html_()
 
     def to_dataframe(self) -> "pd.DataFrame":
         """The data as a table of pandas with one row a point, and words in place of codes.
@@ -220,7 +221,7 @@ class DatasetAccessor:
         if path is not None:
             check_picture(path, force=force, name="picture")
         drawing = [attractors] if "attractor" in self._data.variables else DRAW_TABLE
-        if self._is_cube or kind or quantity or not drawing:
+        if self.is_cube or kind or quantity or not drawing:
             figure = draw(self._cube, kind, quantity=quantity, **look)
         else:
             figure = drawing[0](self._data, **look)
