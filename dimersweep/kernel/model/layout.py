@@ -104,7 +104,8 @@ class Dimer:
     v_scale: float  # the lesser of g/omega, gained in 1/omega of free fall, and that of a rod tipping over [m s-1]
     w_scale: float  # sqrt(g/l), the rate of a rod tipping over [rad s-1]
     A: Annotated[list[float], HARMONICS]  # amplitudes of the harmonics along the normal [m]
-    lag: Annotated[list[float], HARMONICS]  # their angles where the phase is zero [rad]
+    A_sin: Annotated[list[float], HARMONICS]  # the same as factors of sin(k phase), cos(k phase)
+    A_cos: Annotated[list[float], HARMONICS]
     G_x: Annotated[list[float], HARMONICS]  # amplitudes of the acceleration along X, Y [m s-2]
     lag_x: Annotated[list[float], HARMONICS]
     G_y: Annotated[list[float], HARMONICS]

@@ -3,7 +3,7 @@
     z_p = sum over k = 1 ... 16 of A_k sin(k phase + lag_k),    phase = omega t + phi0,    lag_k = phi_k - k phi0
 
 with A_k (k omega)^2 = Gamma_k g; A_1 is the paper's A_z, and lag_1 is zero. In the frame of the plate gravity is
-g_e = g + z_p''. A plate without higher harmonics takes one sine a value.
+g_e = g + z_p''. The sine and the cosine of the phase give those of its multiples, one after the other.
 
 A plate that is tilted, or moves along its own axes X and Y too, gives the body the acceleration, relative to the plate,
 
@@ -53,7 +53,9 @@ def set_plate(row, f, g, tilt, azimuth, dm):
         Gamma, Gamma_x, Gamma_y = row[ROW_Z + 2 * j], row[ROW_X + 2 * j], row[ROW_Y + 2 * j]
         dm.A[j], dm.G_x[j], dm.G_y[j] = Gamma * g / (k * omega) ** 2, Gamma_x * g, Gamma_y * g
         if Gamma != 0.0:
-            dm.n_z, dm.lag[j] = j + 1, (row[ROW_Z + 2 * j + 1] - k * phi0) % TWO_PI
+            dm.n_z = j + 1
+        s, c = sincos((row[ROW_Z + 2 * j + 1] - k * phi0) % TWO_PI) if j > 0 else (0.0, 1.0)
+        dm.A_sin[j], dm.A_cos[j] = dm.A[j] * c, dm.A[j] * s
         if Gamma_x != 0.0 or Gamma_y != 0.0:
             dm.n_along, dm.sideways = j + 1, 1.0
             dm.lag_x[j], dm.lag_y[j] = row[ROW_X + 2 * j + 1] % TWO_PI, row[ROW_Y + 2 * j + 1] % TWO_PI
@@ -65,15 +67,23 @@ def set_plate(row, f, g, tilt, azimuth, dm):
     dm.most_jerk, dm.most_snap = jerk * omega**3, snap * (omega * omega) * (omega * omega)
 
 
+@compiled(inline=True)
+def next_multiple(s, c, s1, c1):
+    """Sine and cosine of the sum of two angles: of a small one with all digits."""
+    return s * c1 + c * s1, c * c1 - s * s1
+
+
 @compiled
 def wave(dm, phase):
     """-z_p'' [m s-2], and its derivative with respect to the phase."""
-    value, slope = 0.0, 0.0
+    value, slope, s, c = 0.0, 0.0, 0.0, 1.0
+    s1, c1 = sincos(phase)
     for j in range(dm.n_z):
+        s, c = next_multiple(s, c, s1, c1)
         k = j + 1.0
-        a = k * k * dm.A[j] * dm.omega * dm.omega
-        s, c = sincos(k * phase + dm.lag[j])
-        value, slope = value + a * s, slope + k * a * c
+        w2 = k * k * dm.omega * dm.omega
+        value += w2 * (dm.A_sin[j] * s + dm.A_cos[j] * c)
+        slope += k * w2 * (dm.A_sin[j] * c - dm.A_cos[j] * s)
     return value, slope
 
 
@@ -112,32 +122,31 @@ def heaviest(dm):
 @compiled
 def plate_rate(dm, phase):
     """z_p' [m s-1]."""
-    _, c = sincos(phase)
-    rate = dm.A[0] * dm.omega * c
+    s1, c1 = sincos(phase)
+    rate, s, c = dm.A[0] * dm.omega * c1, s1, c1
     for j in range(1, dm.n_z):
-        k = j + 1.0
-        _, c = sincos(k * phase + dm.lag[j])
-        rate += k * dm.A[j] * dm.omega * c
+        s, c = next_multiple(s, c, s1, c1)
+        rate += (j + 1.0) * dm.omega * (dm.A_sin[j] * c - dm.A_cos[j] * s)
     return rate
 
 
 @compiled(inline=True)
 def effective_gravity(dm, phase):
     """g_e = g + z_p'' [m s-2]."""
-    s, _ = sincos(phase)
+    s, c = sincos(phase)
     g_e = dm.g - dm.A[0] * dm.omega * dm.omega * s
-    return g_e if dm.n_z == 1 else g_e - higher_acceleration(dm, phase)
+    return g_e if dm.n_z == 1 else g_e - higher_acceleration(dm, s, c)
 
 
 @compiled
-def higher_acceleration(dm, phase):
+def higher_acceleration(dm, s1, c1):
     """The part of the higher harmonics in -z_p''. (A call of its own: what calls the others often stays small without it.)"""
-    a = 0.0
+    a, s, c = 0.0, s1, c1
     for j in range(1, dm.n_z):
+        s, c = next_multiple(s, c, s1, c1)
         k = j + 1.0
-        s, _ = sincos(k * phase + dm.lag[j])
-        a += k * k * dm.A[j] * dm.omega * dm.omega * s
-    return a
+        a += k * k * (dm.A_sin[j] * s + dm.A_cos[j] * c)
+    return a * dm.omega * dm.omega
 
 
 # --- along the plate --------------------------------------------------------------------------------------------------
@@ -233,16 +242,17 @@ def sway_from(dm, phase):
     """The plate from a phase on; `dm` has it of the higher harmonics, until the next one."""
     s, c = sincos(phase)
     if dm.n_z > 1:
-        sway_higher(dm, phase)
+        sway_higher(dm, s, c)
     return Sway(dm.omega, dm.A[0] * s, dm.A[0] * c)
 
 
 @compiled
-def sway_higher(dm, phase):
-    """Fill in A sin, A cos of the higher harmonics' angles at a phase."""
+def sway_higher(dm, s1, c1):
+    """Fill in A sin, A cos of the higher harmonics' angles, from the sine and the cosine of the phase."""
+    s, c = s1, c1
     for j in range(1, dm.n_z):
-        s, c = sincos((j + 1.0) * phase + dm.lag[j])
-        dm.sway_s[j], dm.sway_c[j] = dm.A[j] * s, dm.A[j] * c
+        s, c = next_multiple(s, c, s1, c1)
+        dm.sway_s[j], dm.sway_c[j] = dm.A_sin[j] * s + dm.A_cos[j] * c, dm.A_sin[j] * c - dm.A_cos[j] * s
 
 
 @compiled(inline=True)
@@ -273,9 +283,9 @@ def less_harmonic(omega, s, c, angle, over):
 def less_higher_harmonics(dm, angle, over):
     """A height and its derivatives less those of the plate's higher harmonics, an `angle` of the first one after the start."""
     y, sy, cy = angle
-    s_before, c_before, s, c = 0.0, 1.0, sy, cy
-    for j in range(1, dm.n_z):  # sin (j + 1) y = sin (j - 1) y + 2 sin y cos j y: of a small y with all its digits
-        s_before, c_before, s, c = s, c, s_before + 2.0 * sy * c, c_before - 2.0 * sy * s
+    s, c = sy, cy
+    for j in range(1, dm.n_z):
+        s, c = next_multiple(s, c, sy, cy)
         k = j + 1.0
         over = less_harmonic(k * dm.omega, dm.sway_s[j], dm.sway_c[j], (k * y, s, c), over)
     return over
@@ -315,20 +325,22 @@ def motion_along(dm, phase):
     """Place and velocity of the plate along its axes, x, y, x', y', at phases of any shape [m, m s-1]."""
     squares = (dm.omega * np.arange(1, dm.n_along + 1)) ** 2
     (x, v_x, _), (y, v_y, _) = (
-        _motion(dm.omega, G[: dm.n_along] / squares, lags, phase)
-        for G, lags in ((dm.G_x, dm.lag_x), (dm.G_y, dm.lag_y))
+        _motion(dm.omega, G[: dm.n_along] / squares * np.exp(1j * lag[: dm.n_along]), phase)
+        for G, lag in ((dm.G_x, dm.lag_x), (dm.G_y, dm.lag_y))
     )
     return x, y, v_x, v_y
 
 
 def motion(dm, phase):
     """z_p, z_p' and z_p'' at phases of any shape [m, m s-1, m s-2]."""
-    return _motion(dm.omega, dm.A[: dm.n_z], dm.lag, phase)
+    return _motion(dm.omega, dm.A_sin[: dm.n_z] + 1j * dm.A_cos[: dm.n_z], phase)
 
 
-def _motion(omega, A, lags, phase):
-    """The sum over k of A_k sin(k phase + lag_k), and its first two time derivatives."""
+def _motion(omega, A, phase):
+    """The imaginary part of the sum over k of A_k exp(i k phase), and its first two time derivatives."""
     k = np.arange(1, A.size + 1)
-    angles = np.multiply.outer(phase, k) + lags[: A.size]
+    angles = np.multiply.outer(phase, k)
     s, c = np.sin(angles), np.cos(angles)
-    return (A * s).sum(axis=-1), (k * A * omega * c).sum(axis=-1), (-k * k * A * omega**2 * s).sum(axis=-1)
+    A_1, A_2 = k * omega * A, (k * omega) ** 2 * A
+    waves = (A.real * s + A.imag * c, A_1.real * c - A_1.imag * s, -A_2.real * s - A_2.imag * c)
+    return tuple(each.sum(axis=-1) for each in waves)
