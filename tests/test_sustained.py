@@ -11,6 +11,8 @@ CHOSEN = {"r": 4.7e-3, "A_r": 6.82, "f": 14.27, "e": 0.626, "mu": 0.111, "mu_s":
 TO_AND_FRO = {"r": 4.7e-3, "A_r": 5.55, "f": 18.40, "e": 0.699, "mu": 0.172, "mu_s": 0.276, "Gamma": 0.633}
 # a spin that is held where the motion has no orbit over a part of the spin, with one drift on each side
 HELD = {"r": 2.89e-3, "A_r": 7.64, "f": 36.07, "e": 0.533, "mu": 0.366, "mu_s": 0.482, "Gamma": 1.1}
+# a spin that goes to and fro over 0.011 rad/s between two motions, of which one slips for a while
+SLIPS = {"f": 20.0}
 
 
 @pytest.fixture(scope="module")
@@ -84,6 +86,21 @@ def test_a_run_goes_to_and_fro_as_the_cycle_says(cycle):
 def test_the_ends_of_sheets_lead_to_one_another(cycle):
     assert "spin = 147.38" in " ".join(cycle["high_leads"].values)
     assert (cycle["sheet_low"] < cycle["sheet_high"]).all()
+
+
+def test_a_spin_goes_to_and_fro_between_motions_of_which_one_slips_for_a_while():
+    """Seven digits of their phases of impact are the same. Runs turn where the two sheets end, which they know nothing of."""
+    found = orbits.sustained(spin=(145.0, 150.0), **SLIPS)
+    (one,) = (found.isel(sustained=k) for k in np.flatnonzero(names(found["kind"]) == "cycle"))
+    low, high, around = (float(one[name]) for name in ("spin_low", "spin_high", "slow_periods"))
+    sticks, slips = (orbits.find(spin=spin, **SLIPS) for spin in (low - 1e-3, high + 1e-3))
+    assert around == pytest.approx((high - low) * (1 / sticks.spin_drift - 1 / slips.spin_drift), rel=0.01)
+    run, step = sticks.run(1, rtol=1e-12, record=False), 400
+    spins = np.array([(run := run.go_on(step)).orbit.spin for _ in range(round(1.25 * around / step))])
+    top = int(spins.argmax())
+    assert spins[top] == pytest.approx(high, abs=2 * step * sticks.spin_drift)
+    assert spins[top:].min() == pytest.approx(low, abs=-step * slips.spin_drift)
+    assert spins[-1] > low + 1e-4 and (spins[:top] > spins[0] - 1e-9).all()
 
 
 def test_a_base_case_that_loses_spin_comes_to_a_plane():

@@ -32,6 +32,9 @@ ROUNDED = 1e-4  # of such a way, in units of the section, that rounding may add
 SLOPE_OVER = (0.05, 0.2, 0.01)  # shares of a step over which the slope of the drift is taken, in the order of trial
 UNSEEN_BEND = 0.01  # share of the drift by which a change of sequence may bend its course unseen
 ON_SHEET, NEAR_SHEET = 1e-4, 1e-3  # shares by which numbers of one orbit may differ; from those between its neighbours
+SAME_DRIFT = (
+    0.5  # share of the drift by which that of one motion may differ: of two that slip for other times it is a multiple
+)
 MOST_POINTS = 1000  # of a sheet to either side
 TAKEN_UP = (1e-3, 5e-3, 0.02)  # shares of the spin beyond an orbit at which one is looked for by a run, in this order
 STEEPEST = 0.1  # change of the drift with the spin in a period, beyond which it is no slow one, as at an end
@@ -94,7 +97,7 @@ class Sheet:
         if abs(b.spin_drift - a.spin_drift) > STEEPEST * way:
             return True
         near = way <= AFTER_CHANGE * max(abs(a.spin), abs(b.spin))
-        return a.sequence != b.sequence and (near or not _foreseen(self.orbits[max(0, k - 2) : k], b))
+        return a.sequence != b.sequence and (near or _unforeseen(self.orbits[max(0, k - 2) : k], b) > UNSEEN_BEND)
 
     @cached_property
     def spins(self) -> np.ndarray:
@@ -102,27 +105,38 @@ class Sheet:
         return np.array([one.spin for one in self.orbits])
 
     def at(self, spin: float) -> PeriodicOrbit:
-        """The orbit of a spin; lost if it is found from neither of the two that it lies between."""
+        """The orbit of a spin; lost if neither of the two that it lies between leads to it, but to another motion."""
         above = int(np.clip(np.searchsorted(self.spins, spin), 1, self.spins.size - 1))
         near = sorted(self.orbits[above - 1 : above + 1], key=lambda one: abs(one.spin - spin))
-        return near[0] if near[0].spin == spin else first_found(partial(step_along, [one], spin) for one in near)
+
+        def from_one(one: PeriodicOrbit) -> PeriodicOrbit:
+            found = step_along([one], spin)
+            if near[0].sequence == near[1].sequence != found.sequence:
+                raise OrbitLost("the sequence changes")
+            return found
+
+        return near[0] if near[0].spin == spin else first_found(partial(from_one, one) for one in near)
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
         """Whether an orbit is one of the sheet."""
         if not self.spins[0] <= orbit.spin <= self.spins[-1] or orbit.periods != self.orbits[0].periods:
             return False
         try:
-            there = _looks(self.at(orbit.spin))
+            return _alike(_looks(orbit), _looks(self.at(orbit.spin)), ON_SHEET)
         except OrbitLost:  # there the map has no derivatives that are of use
             columns = np.array([_looks(one) for one in self.orbits]).T
-            between = [np.interp(orbit.spin, self.spins, each) for each in columns]
-            return np.allclose(_looks(orbit), between, rtol=NEAR_SHEET)
-        return np.allclose(_looks(orbit), there, rtol=ON_SHEET)
+            return _alike(_looks(orbit), [np.interp(orbit.spin, self.spins, each) for each in columns], NEAR_SHEET)
 
 
-def _looks(orbit: PeriodicOrbit) -> tuple[float, float, float]:
+def _looks(orbit: PeriodicOrbit) -> tuple[float, float, float, float]:
     """By what motions of one spin are told apart, but for mirror images."""
-    return orbit.impact_phase, orbit.speed, abs(orbit.precession_rate)
+    drift = orbit.spin_drift * np.sign(orbit.spin) / orbit.fixed.map.unit
+    return orbit.impact_phase, orbit.speed, abs(orbit.precession_rate), drift
+
+
+def _alike(one: Sequence[float], other: Sequence[float], share: float) -> bool:
+    """Whether two motions of about one spin look alike, to a share."""
+    return np.allclose(one, other, rtol=(share, share, share, SAME_DRIFT), atol=LOCATED)
 
 
 def onward(first: PeriodicOrbit, to: float) -> Iterator[PeriodicOrbit]:
@@ -160,8 +174,11 @@ def _steadily(last: list[PeriodicOrbit], spin: float, over_change: bool) -> Peri
     here, nxt = last[0], step_along(last, spin)
     if not nxt.stable:
         raise OrbitLost("the orbit becomes unstable")
-    if nxt.sequence != here.sequence and not (over_change or _foreseen(last[1::-1], nxt)):
-        raise OrbitLost("the sequence changes")
+    allowed = SAME_DRIFT if nxt.sequence == here.sequence else UNSEEN_BEND
+    if not over_change and _unforeseen(last[1::-1], nxt) > allowed:
+        raise OrbitLost("the sequence or the drift changes")
+    if abs(nxt.spin_drift - here.spin_drift) > STEEPEST * abs(spin - here.spin):
+        raise OrbitLost("the drift leaps")
     if len(last) > 1:
         points = [one.fixed for one in (nxt, here, last[1])]
         if len({(one.map.phase, one.z.size) for one in points}) == 1:
@@ -179,7 +196,7 @@ def _joined(end: PeriodicOrbit, sense: float) -> PeriodicOrbit:
         beside = in_steps(lambda one, share: step_along([one], nxt.spin + share * (end.spin - nxt.spin)), nxt, SHORTEST)
     except OrbitLost:
         return nxt
-    if beside.stable and np.abs(beside.impact_phase - end.impact_phase) > ON_SHEET:
+    if beside.stable and not _alike(_looks(beside), _looks(end), ON_SHEET):
         raise OrbitLost("the motion leaps")
     return nxt
 
@@ -196,13 +213,17 @@ def taken_up(end: PeriodicOrbit, sense: float, most: float) -> PeriodicOrbit:
     return first_found(partial(at, share) for share in TAKEN_UP)
 
 
-def _foreseen(before: Sequence[PeriodicOrbit], nxt: PeriodicOrbit) -> bool:
-    """Whether the drift of an orbit is what a line through the two before leads to expect."""
+def _unforeseen(before: Sequence[PeriodicOrbit], nxt: PeriodicOrbit) -> float:
+    """Share of the drift by which that of an orbit differs from what a line through the two before leads to expect.
+
+    Where there are not two, as much as that of one motion may.
+    """
     if len(before) < 2:
-        return False
+        return SAME_DRIFT
     a, b = before
     expected = b.spin_drift + (b.spin_drift - a.spin_drift) * (nxt.spin - b.spin) / (b.spin - a.spin)
-    return abs(nxt.spin_drift - expected) <= UNSEEN_BEND * abs(b.spin_drift)
+    greatest = max(abs(one.spin_drift) for one in (a, b, nxt))
+    return abs(nxt.spin_drift - expected) / greatest if greatest else 0.0
 
 
 def sheet_through(orbit: PeriodicOrbit, low: float, high: float, whole: bool) -> Sheet:
