@@ -105,27 +105,23 @@ class Sheet:
         return np.array([one.spin for one in self.orbits])
 
     def at(self, spin: float) -> PeriodicOrbit:
-        """The orbit of a spin; lost if neither of the two that it lies between leads to it, but to another motion."""
+        """The orbit of a spin; lost if it is found from neither of the two that it lies between."""
         above = int(np.clip(np.searchsorted(self.spins, spin), 1, self.spins.size - 1))
         near = sorted(self.orbits[above - 1 : above + 1], key=lambda one: abs(one.spin - spin))
-
-        def from_one(one: PeriodicOrbit) -> PeriodicOrbit:
-            found = step_along([one], spin)
-            if near[0].sequence == near[1].sequence != found.sequence:
-                raise OrbitLost("the sequence changes")
-            return found
-
-        return near[0] if near[0].spin == spin else first_found(partial(from_one, one) for one in near)
+        return near[0] if near[0].spin == spin else first_found(partial(step_along, [one], spin) for one in near)
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
         """Whether an orbit is one of the sheet."""
         if not self.spins[0] <= orbit.spin <= self.spins[-1] or orbit.periods != self.orbits[0].periods:
             return False
+        own, columns = _looks(orbit), np.array([_looks(one) for one in self.orbits]).T
+        between = [np.interp(orbit.spin, self.spins, each) for each in columns]
+        if not np.isclose(own[-1], between[-1], rtol=SAME_DRIFT, atol=LOCATED):
+            return False
         try:
-            return _alike(_looks(orbit), _looks(self.at(orbit.spin)), ON_SHEET)
+            return _alike(own, _looks(self.at(orbit.spin)), ON_SHEET)
         except OrbitLost:  # there the map has no derivatives that are of use
-            columns = np.array([_looks(one) for one in self.orbits]).T
-            return _alike(_looks(orbit), [np.interp(orbit.spin, self.spins, each) for each in columns], NEAR_SHEET)
+            return _alike(own, between, NEAR_SHEET)
 
 
 def _looks(orbit: PeriodicOrbit) -> tuple[float, float, float, float]:
