@@ -225,7 +225,7 @@ def test_the_help_of_a_run_has_each_parameter_of_the_model_with_its_unit_meaning
             assert default in (*PARAMETERS, "sqrt(r_2/r_1)")
 
 
-@pytest.mark.parametrize("name", ["sweep", "search", "refine"])
+@pytest.mark.parametrize("name", ["sweep", "bifurcation", "search", "refine", "make"])
 def test_what_makes_a_cube_names_its_options(name):
     options = {"out", "workers", "progress", "force", "attrs", "client", "extend", "retry", "fail_fast", "keep_tiles"}
     shown = inspect.signature(getattr(dimersweep, name)).parameters

@@ -24,6 +24,7 @@ from dimersweep.studies.observing import look_in
 from dimersweep.studies.point_tables import point_table
 from dimersweep.studies.study import Study
 from dimersweep.symbols import PARAMETERS, Picture
+from dimersweep.work.options import with_options
 
 MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
 
@@ -343,6 +344,9 @@ def make(
     study = declared.study(periods=periods, rtol=rtol, certify=certify, observe=observe)
     options.setdefault("attrs", declared.attrs)
     return make_cube(study, out=out, **options)
+
+
+make.__signature__ = with_options(make)  # type: ignore[attr-defined]
 
 
 def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> Declaration:

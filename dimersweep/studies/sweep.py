@@ -210,3 +210,6 @@ def bifurcation(
     """
     attrs = {"plot": "bifurcation"} | check_attrs(how.pop("attrs", None))
     return sweep(grid, fixed, periods=periods, strobes=check_count("strobes", strobes), attrs=attrs, **how)
+
+
+bifurcation.__signature__ = with_options(bifurcation, sweep)  # type: ignore[attr-defined]

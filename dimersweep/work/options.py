@@ -47,14 +47,16 @@ class Options:
     retry: bool = False
 
 
-def with_options(function: Any) -> Signature:
-    """The signature of a function that takes the options as keywords, each of them named."""
+def with_options(function: Any, like: Any = None) -> Signature:
+    """The signature of a function that takes the options as keywords, or all keywords of another one, each of them named."""
     own = signature(function)
-    shown = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
     usual = {each.name: each.default for each in fields(Options)} | {"workers": None, "attrs": None}
     kinds = Given.__annotations__.items()
-    shown += [Parameter(name, Parameter.KEYWORD_ONLY, default=usual[name], annotation=kind) for name, kind in kinds]
-    return own.replace(parameters=shown)
+    more = [Parameter(name, Parameter.KEYWORD_ONLY, default=usual[name], annotation=kind) for name, kind in kinds]
+    if like is not None:
+        more = [each for each in signature(like).parameters.values() if each.kind is each.KEYWORD_ONLY]
+    shown = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
+    return own.replace(parameters=shown + [each for each in more if each.name not in own.parameters])
 
 
 IN_PASSING = Options(workers=1, progress=False)  # for a part that is run by the way
