@@ -116,6 +116,13 @@ def test_a_branch_goes_through_its_fold_and_back(down):
     assert np.abs(told - 1).min() < 1e-3
 
 
+def test_at_a_fold_in_a_plane_nothing_drifts_either():
+    """There two multipliers are 1, of which one is that of the spin."""
+    branch = orbits.follow(orbits.find(spin=0.0), "Gamma", to=0.7)
+    assert (names(branch["special"]) == "fold").sum() == 1
+    assert np.abs(branch["spin_drift"]).max() < 1e-30
+
+
 def test_a_warm_point_of_a_branch_costs_at_most_forty_periods(down):
     cost = np.diff(down["cost"].values)
     plain = (down["special"].values[1:] == 0) & (down["special"].values[:-1] == 0)

@@ -43,11 +43,11 @@ def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
     """Derivative of the section point by the spin (in its unit) along the family, and the spin's change a period [rad/s].
 
     The change of a point over a period is projected with the left eigenvector of the slow multiplier: only its part along the
-    manifold counts.
+    manifold counts. Those of all other multipliers, of which one is 1 at a fold, are across the family.
     """
     m = fixed.map
-    row = eigenvector(fixed.matrix.T, 1)
-    along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(row.size)[m.slow])
+    along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(fixed.z.size)[m.slow])
+    row = max(np.linalg.eig(fixed.matrix.T)[1].real.T, key=lambda each: abs(each @ along))
     return along, float(row @ (fixed.image.point - fixed.z) / (row @ along)) * m.unit
 
 
