@@ -397,15 +397,14 @@ def test_code_from_a_folder_of_another_user_is_not_run(places):
 
 
 @pytest.mark.usefixtures("fake_kernel")
-def test_cubes_are_read_where_nothing_can_be_written_and_nobody_is_home(tmp_path, copy, places):
-    cube = tmp_path / "cube.nc"
-    dimersweep.sweep({"f": [15.0, 20.0]}, periods=5, out=cube, progress=False)
+def test_cubes_are_read_where_nothing_can_be_written_and_nobody_is_home(small_cubes, copy, places):
+    cube = small_cubes / "fig07-small.nc"
     nobody = "import pwd\ndef unknown(uid): raise KeyError(uid)\npwd.getpwuid = unknown\n"
     read = f"import dimersweep\nprint(dimersweep.open_cube({str(cube)!r}).sizes['f'])\n"
     status = f"from dimersweep.cli import main\nimport sys\nsys.argv = ['dimersweep', 'status', {str(cube)!r}]\nmain()"
     environment = dict.fromkeys(("HOME", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME"))
     printed = run_python(nobody + read + status, copy, **environment).splitlines()
-    assert printed[:2] == ["2", f"{cube}: complete, 2 points"]
+    assert printed[:2] == ["3", f"{cube}: complete, 132 points"]
     assert run_python(nobody + "from dimersweep.kernel.room.above import twice; print(twice())", copy, **environment)
 
 
