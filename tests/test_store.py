@@ -130,6 +130,12 @@ def link(path):
     path.symlink_to("target")
 
 
+def files_in(folder):
+    """What is there, but for when it was last looked at."""
+    found = {path: os.lstat(path) for path in folder.rglob("*")}
+    return {path: (each.st_ino, each.st_mode, each.st_size, each.st_ctime_ns) for path, each in found.items()}
+
+
 def zarr_of_others(path):
     path.mkdir()
     (path / "notes.txt").write_text("precious")
@@ -157,11 +163,11 @@ def zarr_of_others(path):
 def test_what_is_no_regular_file_is_never_replaced(cube, tmp_path, name, made, told):
     path = tmp_path / name
     made(path)
-    before = {each: os.lstat(each) for each in tmp_path.rglob("*")}
+    before = files_in(tmp_path)
     for write in (partial(check_output, endings=None), partial(write_cube, cube)):
         with pytest.raises(StoreError, match=rf"^out = .*{told}"):
             write(path, force=True)
-    assert {each: os.lstat(each) for each in tmp_path.rglob("*")} == before
+    assert files_in(tmp_path) == before
 
 
 @pytest.mark.parametrize("path", ["/dev/full", "/dev/null", ".", "", ".."])
