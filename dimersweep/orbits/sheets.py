@@ -32,9 +32,7 @@ ROUNDED = 1e-4  # of such a way, in units of the section, that rounding may add
 SLOPE_OVER = (0.05, 0.2, 0.01)  # shares of a step over which the slope of the drift is taken, in the order of trial
 UNSEEN_BEND = 0.01  # share of the drift by which a change of sequence may bend its course unseen
 ON_SHEET, NEAR_SHEET = 1e-4, 1e-3  # shares by which numbers of one orbit may differ; from those between its neighbours
-SAME_DRIFT = (
-    0.5  # share of the drift by which that of one motion may differ: of two that slip for other times it is a multiple
-)
+SAME_DRIFT = 0.5  # share by which the drift of one motion may differ; of two that slip for other times it is a multiple
 MOST_POINTS = 1000  # of a sheet to either side
 TAKEN_UP = (1e-3, 5e-3, 0.02)  # shares of the spin beyond an orbit at which one is looked for by a run, in this order
 STEEPEST = 0.1  # change of the drift with the spin in a period, beyond which it is no slow one, as at an end
