@@ -89,7 +89,7 @@ def test_the_ends_of_sheets_lead_to_one_another(cycle):
 
 
 def test_a_spin_goes_to_and_fro_between_motions_of_which_one_slips_for_a_while():
-    """Seven digits of their phases of impact are the same. Runs turn where the two sheets end, which they know nothing of."""
+    """Their phases of impact are the same to 1e-4. Runs turn where the two sheets end, which they know nothing of."""
     found = orbits.sustained(spin=(145.0, 150.0), **SLIPS)
     (one,) = (found.isel(sustained=k) for k in np.flatnonzero(names(found["kind"]) == "cycle"))
     low, high, around = (float(one[name]) for name in ("spin_low", "spin_high", "slow_periods"))
