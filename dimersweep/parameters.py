@@ -278,9 +278,11 @@ def reduced(columns: Mapping[str, Any]) -> dict[str, Any]:
     """`columns` without those that change nothing: what is as it would be if it were left out; the inverse of `completed`."""
     kept, row = dict(columns), {slot: value_of(slot, columns) for slot in ROW}
     for name in (*LEFT_OUT, *ENDS):
-        rest = {other: value for other, value in kept.items() if other != name}
-        if name in kept and all(_same(value, value_of(slot, rest)) for slot, value in row.items()):
-            kept = rest
+        if name in kept:
+            rest = {other: value for other, value in kept.items() if other != name}
+            others = {slot: value_of(slot, rest) for slot in ROW}
+            if all(_same(row[slot], others[slot]) for slot in ROW):
+                kept, row = rest, others  # the same objects are not compared again
     return kept
 
 
