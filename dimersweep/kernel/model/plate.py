@@ -54,7 +54,7 @@ def set_plate(row, f, g, tilt, azimuth, dm):
         dm.A[j], dm.G_x[j], dm.G_y[j] = Gamma * g / (k * omega) ** 2, Gamma_x * g, Gamma_y * g
         if Gamma != 0.0:
             dm.n_z = j + 1
-        s, c = sincos((row[ROW_Z + 2 * j + 1] - k * phi0) % TWO_PI) if j > 0 else (0.0, 1.0)
+        s, c = sincos((row[ROW_Z + 2 * j + 1] - k * phi0) % TWO_PI) if Gamma != 0.0 else (0.0, 1.0)
         dm.A_sin[j], dm.A_cos[j] = dm.A[j] * c, dm.A[j] * s
         if Gamma_x != 0.0 or Gamma_y != 0.0:
             dm.n_along, dm.sideways = j + 1, 1.0
