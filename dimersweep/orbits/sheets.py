@@ -91,10 +91,9 @@ class Sheet:
     def _bends(self, k: int) -> bool:
         """Whether the rate is not smooth between an orbit and the one before: it leaps, or bends with the sequence."""
         a, b = self.orbits[k - 1 : k + 1]
-        way = b.spin - a.spin
-        if abs(b.spin_drift - a.spin_drift) > STEEPEST * way:
+        if _leaps(a, b):
             return True
-        near = way <= AFTER_CHANGE * max(abs(a.spin), abs(b.spin))
+        near = b.spin - a.spin <= AFTER_CHANGE * max(abs(a.spin), abs(b.spin))
         return a.sequence != b.sequence and (near or _unforeseen(self.orbits[max(0, k - 2) : k], b) > UNSEEN_BEND)
 
     @cached_property
@@ -171,7 +170,7 @@ def _steadily(last: list[PeriodicOrbit], spin: float, over_change: bool) -> Peri
     allowed = SAME_DRIFT if nxt.sequence == here.sequence else UNSEEN_BEND
     if not over_change and _unforeseen(last[1::-1], nxt) > allowed:
         raise OrbitLost("the sequence or the drift changes")
-    if abs(nxt.spin_drift - here.spin_drift) > STEEPEST * abs(spin - here.spin):
+    if _leaps(here, nxt):
         raise OrbitLost("the drift leaps")
     if len(last) > 1:
         points = [one.fixed for one in (nxt, here, last[1])]
@@ -205,6 +204,11 @@ def taken_up(end: PeriodicOrbit, sense: float, most: float) -> PeriodicOrbit:
         return orbit
 
     return first_found(partial(at, share) for share in TAKEN_UP)
+
+
+def _leaps(one: PeriodicOrbit, other: PeriodicOrbit) -> bool:
+    """Whether the drift changes faster from an orbit to the next than along a sheet."""
+    return abs(other.spin_drift - one.spin_drift) > STEEPEST * abs(other.spin - one.spin)
 
 
 def _unforeseen(before: Sequence[PeriodicOrbit], nxt: PeriodicOrbit) -> float:

@@ -52,8 +52,9 @@ def with_options(function: Any, like: Any = None) -> Signature:
     own = signature(function)
     usual = {each.name: each.default for each in fields(Options)} | {"workers": None, "attrs": None}
     kinds = Given.__annotations__.items()
-    more = [Parameter(name, Parameter.KEYWORD_ONLY, default=usual[name], annotation=kind) for name, kind in kinds]
-    if like is not None:
+    if like is None:
+        more = [Parameter(name, Parameter.KEYWORD_ONLY, default=usual[name], annotation=kind) for name, kind in kinds]
+    else:
         more = [each for each in signature(like).parameters.values() if each.kind is each.KEYWORD_ONLY]
     shown = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
     return own.replace(parameters=shown + [each for each in more if each.name not in own.parameters])
