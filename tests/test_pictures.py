@@ -909,7 +909,7 @@ def test_a_picture_of_next_to_nothing_is_drawn_or_refused_in_a_line(kind):
         cube.isel({dim: slice(0, 1) for dim in cube["mode"].dims}),
         cube.isel(dict.fromkeys(cube["mode"].dims, 0)),
     ]
-    parts += [with_values(cube, mode, value) for mode, value in ((D, np.nan), (D, 2.0), (R, 2.0), (M_NOT_RUN, np.nan))]
+    parts += [with_values(cube, mode, value) for mode in (D, R, M_NOT_RUN) for value in (np.nan, 2.0)]
     made = 0
     for part in parts:
         try:
