@@ -4,12 +4,10 @@ The cyclic ones are place, heading and spin angle. The others are the gaps and t
 and the velocity of the centre of mass along and across the axis, in units of g/omega^2, g/omega, and g/omega over h and r.
 """
 
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 
 from dimersweep.kernel.batch import ask_for
+from dimersweep.kernel.compiler.records import as_object
 from dimersweep.kernel.course import Workspace, new_workspace
 from dimersweep.kernel.model.body import dimer_of, dip_of, slip_at
 from dimersweep.kernel.model.layout import CA, CB, FREE, OK, SPIN, STATUS_MESSAGES, STICK, WP, State
@@ -34,7 +32,7 @@ class Section:
 
     def __init__(self, row: np.ndarray, rtol: float, space: Workspace | None = None) -> None:
         self.row, self.rtol = row, rtol
-        self.dm = _quick(dimer_of(row))
+        self.dm = as_object(dimer_of(row))
         omega = self.dm.omega
         v = self.dm.g / omega
         self.units = np.array(
@@ -91,14 +89,3 @@ def free_coordinates(modes: np.ndarray) -> list[int]:
         free.append(4)
     free.append(5)
     return free if (modes == STICK).any() else [*free, 6, 7]
-
-
-def _quick(record: Any) -> Any:
-    """The fields of a record as attributes that are read in no time: those of a record take a microsecond each."""
-    fields = {name: record[name] for name in record.dtype.names}
-    return SimpleNamespace(
-        **{
-            name: _quick(each) if each.dtype.names else each if each.ndim else each.item()
-            for name, each in fields.items()
-        }
-    )

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from dimersweep.kernel.compiler.jit import plain
-from dimersweep.kernel.model.body import extent
+from dimersweep.kernel.compiler.records import as_object
+from dimersweep.kernel.model.body import dimer_of, extent
+from dimersweep.parameters import Parameters
 from tests.checks.verbs import contact_velocity, delassus, dimer, levers, oracle_state, state_of
 from tests.oracle import body
 
@@ -119,3 +121,12 @@ def test_the_heading_counts_where_anything_acts_along_the_plate(given, sideways)
 def test_the_extent_is_that_of_the_greater_ball_and_of_the_farther_one(change):
     dm = dimer(**change)
     assert plain(extent)(dm) == (max(dm.p1.r, dm.p2.r), max(abs(dm.p1.h), abs(dm.p2.h)))
+
+
+def test_a_dimer_as_a_plain_object_has_the_numbers_of_its_record():
+    """With the JIT off it is one already."""
+    record = dimer_of(Parameters(A_r=5.0, Gamma_2=0.1, phi_2=0.3).row())
+    plainly = as_object(record)
+    assert (plainly.l, plainly.p2.r, plainly.n_z) == (record.l, record.p2.r, record.n_z)
+    np.testing.assert_array_equal(plainly.A_cos, record.A_cos)
+    assert plainly.A_cos[1] != 0 and as_object(plainly) is plainly

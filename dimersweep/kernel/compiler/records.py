@@ -52,3 +52,14 @@ def _zero(kind: Any) -> Any:
 def new_record(fields: type[Fields]) -> Fields:
     """A record of this class with all its numbers zero, to be filled in place."""
     return one(fields)[0]
+
+
+def as_object(record: Any) -> Any:
+    """A record as a plain object, see `one`: a copy, which Python reads and compiled code does not take."""
+    if isinstance(record, SimpleNamespace):
+        return record
+    fields = {name: record[name] for name in record.dtype.names}
+    nested = {name: as_object(each) if each.dtype.names else each for name, each in fields.items()}
+    return SimpleNamespace(
+        **{name: each.item() if isinstance(each, np.generic) else each for name, each in nested.items()}
+    )
