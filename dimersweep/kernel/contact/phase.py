@@ -139,17 +139,17 @@ def slip_about_to_end(p, span):
     """Number of a slipping end that comes to rest along a straight line within a brief time, at most `span`; -1 if none does.
 
     Its slip and the change of its slip must be parallel to the tolerance; within a tolerance of rest slowing down will do.
-    Brief is a time over which a straight line is as good as the tolerance: its error is quadratic.
+    Brief is a time over which a straight line is as good as the tolerance: its error is quadratic. A slip that takes longer
+    is followed by steps, however slow it is: they look for what else happens meanwhile, such as a lift-off.
     """
     dm, y = p.dm, p.b.start.y
+    brief = min(span, 0.6 * sqrt(p.tol) / motion_rate(dm, y))
     for i in range(2):
         if p.modes[i] == SLIP:
             v, along, turning = coordinates.change_of_slip(dm, p.modes, y, p.b.start.dy, i)
-            if along < 0.0:
+            if along < 0.0 and v * v <= -along * brief:
                 across = abs(turning) * v / -along
-                time = v * v / -along
-                straight = time <= 0.6 * sqrt(p.tol) / motion_rate(dm, y) and across <= 0.5 * p.tol * dm.v_scale
-                if time <= span and (v <= UNSURE_SLIP * p.slip_tol or straight):
+                if v <= UNSURE_SLIP * p.slip_tol or across <= 0.5 * p.tol * dm.v_scale:
                     return i
     return -1
 
