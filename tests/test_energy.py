@@ -17,6 +17,7 @@ from dimersweep.kernel.record import BEFORE
 from dimersweep.runs.solving import with_works
 from dimersweep.symbols import FORCES, WORKS
 from tests.checks.patched import run_patched
+from tests.checks.random_scenes import whole_scene
 
 SCENES = tomllib.loads((Path(__file__).parent / "data" / "budgets.toml").read_text())
 
@@ -44,6 +45,31 @@ def test_the_budget_closes(scene):
 def start_energy(run):
     state = run.states(0.0)
     return float(state["kinetic_energy"] + state["potential_energy"])
+
+
+@pytest.mark.parametrize(
+    ("number", "rtol", "broke"),
+    [
+        (942, 1e-11, "a slow slip was taken for one that ends, and a lift-off on the way was missed"),
+        (692, 1e-9, "parts of a step failed, and their works counted"),
+        (309, 1e-8, "the same of one end"),
+        (5919, 1e-11, "the estimate of the error of a work was zero by chance"),
+    ],
+)
+def test_the_budget_of_a_random_scene_closes(number, rtol, broke):
+    """As it does at other accuracies, and for starts that differ in the last digits."""
+    run = simulate(**whole_scene(number), periods=40, rtol=rtol)
+    assert run.energy().closure < 10 * rtol
+
+
+def test_no_end_is_pulled_down_in_contact():
+    """Forces in contact press, however slow the slip is with which the contact begins."""
+    run = simulate(**whole_scene(942), periods=20, rtol=1e-11)
+    begins = run.events["time"].values
+    times = np.unique(np.concatenate([begins[:-1] + share * np.diff(begins) for share in (0.01, 0.5, 0.99)]))
+    states = run.states(times)
+    for force in ("normal_force_1", "normal_force_2"):
+        assert float(states[force].min()) > -1e-9
 
 
 @budgets_of("steady")

@@ -1,35 +1,25 @@
 """Works over the steps of a contact phase, where they are wanted: they ride along, and must not change the steps.
 
-The plate moves on while the state may rest, so that a step which suits the state may be too long for the works. Their error
-is estimated as that of the state is. Where it counts, the step is taken in equal parts once more, for its works alone.
+The plate moves on while the state may rest, so that a step which suits the state may be too long for the works. So each step
+is taken once more in equal parts, for its works alone, until these agree with what fewer parts gave.
 """
 
-from math import sqrt
+from math import inf, sqrt
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import N_PATH, N_WORKED, Y
 from dimersweep.kernel.contact.forces import phase_rates
-from dimersweep.kernel.contact.step_control import IMPLICIT, RESCALED, implicit_error, step_to
-from dimersweep.kernel.numerics.steps import copy, explicit_error
+from dimersweep.kernel.contact.step_control import RESCALED, step_to
+from dimersweep.kernel.numerics.steps import copy
 
 WORK_PARTS = 64  # into which a step is taken for its works
 
 
 @compiled
-def work_error(p, h):
-    """Error of the works over what they may be off, in the step of h seconds that was taken last."""
-    if p.control.method == RESCALED:  # in xi all is slow, and the slip falls: its power is as smooth as itself
-        return 0.0
-    if p.control.method == IMPLICIT:
-        return implicit_error(h, N_PATH, N_WORKED, p.b)
-    return explicit_error(h, p.b.K, N_PATH, N_WORKED, p.b.scale)
-
-
-@compiled
 def settle_works(p):
-    """Make the works in the step that is to be accepted as good as the state, and note what flows in it."""
+    """Make the works in the step that is to be accepted as good as they may be off, and note what flows in it."""
     start, out, h = p.b.start, p.b.out, p.b.out.y[Y.time]
-    if work_error(p, h) > 1.0:
+    if p.control.method != RESCALED:  # in xi all is slow, and the slip falls: its power is as smooth as itself
         works_in_parts(p, h)
     for k in range(N_PATH, N_WORKED):
         p.b.flows[k - N_PATH] += flow(out.y[k] - start.y[k], start.dy[k], out.dy[k], h)
@@ -53,14 +43,17 @@ def flow(work, first, last, h):
 
 @compiled
 def works_in_parts(p, h):
-    """Take the step of h seconds in parts until its works are good enough; all but these stays as it was."""
+    """Take the step of h seconds in parts until its works no longer change; all but these stays as it was.
+
+    Parts of an implicit step may fail where the whole step does not: their works do not count.
+    """
     start, out, parts, kept = p.b.start, p.b.out, 1, p.b.kept
     step = (start.y, start.dy, start.F, out.y, out.dy, out.F)
     for k in range(6):
         copy(step[k], kept[k], p.n)
     while parts < WORK_PARTS:
         parts *= 2
-        part, worst = h / parts, 0.0
+        sound = True
         for j in range(parts):
             for k in range(3):  # from the start of the step, then from the end of the part before
                 if j == 0:
@@ -68,12 +61,15 @@ def works_in_parts(p, h):
                 else:
                     copy(step[k + 3], step[k], p.n)
             start.y[Y.time] = 0.0
-            step_to(p, p.control.now + p.dm.omega * part * j, part)
-            worst = max(worst, work_error(p, part))
-        if worst <= 1.0:
+            sound = sound and step_to(p, p.control.now + p.dm.omega * h / parts * j, h / parts) < inf
+        if not sound:
+            continue
+        change = 0.0
+        for k in range(N_PATH, N_WORKED):
+            change = max(change, abs(out.y[k] - kept[3, k]) / p.b.scale[k])
+            kept[3, k] = out.y[k]
+        if change <= 1.0:
             break
-    for k in range(N_PATH, N_WORKED):
-        kept[3, k] = out.y[k]
     for k in range(6):
         copy(kept[k], step[k], p.n)
 
