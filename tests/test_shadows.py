@@ -239,3 +239,22 @@ def test_the_examples_of_the_page_run(empty_folder, capsys):
     for block in re.findall(r"```\{code-cell\} ipython3\n(.*?)```", page, re.DOTALL):
         exec(compile(block, "trust.md", "exec"), names)
     assert "certain" in capsys.readouterr().out
+
+
+HESITANT = {"r": 0.005465, "A_r": 7.437, "f": 33.19, "mu": 0.1407, "mu_s": 0.1848, "e": 0.6346, "Gamma": 0.7155}
+HESITANT |= {"beta0": 0.3, "phi0": 2.5, "xdot0": 0.75}
+
+
+@pytest.mark.parametrize(("rtol", "time"), [(1e-8, 0.65143), (1e-9, 0.71179), (1e-10, None)])
+def test_a_slip_that_passes_zero_where_rtol_decides_is_told(rtol, time):
+    """At 1e-10 the shadows slip on, as the run does."""
+    run = simulate(**HESITANT, periods=60, rtol=rtol)
+    told = float(run.error()["slip_undecided"])
+    assert np.isnan(told) if time is None else told == pytest.approx(time, abs=1e-5)
+    if time is not None:
+        kinds = names(run.events)["kind"].values[run.events["time"].values == told]
+        assert all(kind.startswith("DI") for kind in kinds) and any("sk" in kind for kind in kinds)
+
+
+def test_chaos_alone_is_no_such_slip():
+    assert np.isnan(simulate(Gamma=3.0, periods=40).error()["slip_undecided"])

@@ -544,7 +544,9 @@ class Run(RunNumbers):
         xarray.Dataset
             Along `time`, for each quantity of `states`, a bound on its error up to then, in its unit, and `scaled`, the
             largest of those of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (gamma: 10 and 100 of them).
-            Along `event`, the bound on the error of its time [s]; NaN for an event that a shadow lacks.
+            Along `event`, the bound on the error of its time [s]; NaN for an event that a shadow lacks. `slip_undecided` is
+            the time [s] of the first double impact in which a slip passes zero and `rtol` decides whether `mu_s` holds it,
+            NaN if there is none.
 
         Raises
         ------

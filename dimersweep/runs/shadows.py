@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from dimersweep.cubes.cube import names
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.inputs import RTOL_RANGE
 from dimersweep.kernel.batch import Workspace
@@ -32,7 +33,7 @@ from dimersweep.kernel.model.layout import (
     OUT,
     ROW,
 )
-from dimersweep.parameters import moved_on
+from dimersweep.parameters import moved_on, value_of
 from dimersweep.runs.solving import RunSettings, run_all_patiently
 from dimersweep.symbols import EVENT_QUANTITIES, START, STATE_QUANTITIES
 
@@ -44,6 +45,7 @@ SHADOW_COARSER = 10.0
 LOOSER, LOOSE = 1e2, 1e-6  # rtol of a verdict's second shadow over that of the run, and its least
 NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, far above round-off
 SAFETY = 10.0  # bound over difference: two runs can be alike by chance
+PARTED = 1e2  # growth of a bound between two times that no motion without a parting has
 LEAST_ERROR = 1e-12  # what no number is known better than, in its scale
 CERTAIN, UNSURE, CHANGED = 1, 2, 3  # codes of ``cube.FLAGS["confidence"]``
 SETTLED_MODES = (*BOTH_DOWN, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N)
@@ -165,8 +167,28 @@ def bounds(run: SeenRun, shadows: Sequence[SeenRun], times: np.ndarray, T: float
     variables["event_time"] = ("event", bound, {"units": "s", "long_name": meaning})
     total = scaled({name: variables[name][1] for name in CLOSED_STATE})
     variables["scaled"] = ("time", total, {"units": "1", "long_name": "largest bound of the state, in its scales"})
+    parted = _parting(run, late, total, times)
+    meaning = (
+        "first double impact in which a shadow has another end stick: a slip passes zero, and rtol decides; NaN if none"
+    )
+    variables["slip_undecided"] = ((), parted, {"units": "s", "long_name": meaning})
     coordinates = {name: run.events[name].variable for name in ("cause", "kind")}
     return xr.Dataset(variables, coordinates | {"time": ("time", times, EVENT_QUANTITIES["time"].attributes())})
+
+
+def _parting(run: SeenRun, late: np.ndarray, total: np.ndarray, times: np.ndarray) -> float:
+    """Return the time of the double impact in which the hold of a slip that passes zero parts the run from a shadow [s].
+
+    Such a hold takes a stick friction above the slip friction. Events that only one of both has may be hops of a chatter,
+    which end nothing: after a parting the errors are other ones.
+    """
+    holds = any(value_of(f"mu_s_{end}", run.parameters) > value_of(f"mu_{end}", run.parameters) for end in (1, 2))
+    both_hit = np.char.startswith(names(run.events)["kind"].values.astype(str), "DI")
+    for time in run.events["time"].values[np.isnan(late) & both_hit] if holds else ():
+        after = int(np.searchsorted(times, time))
+        if 0 < after < times.size and total[after] > PARTED * total[after - 1]:
+            return float(time)
+    return np.nan
 
 
 def certified(
