@@ -103,6 +103,8 @@ def _field(name: str, told: Any) -> Field:
         f"observer: {name}.along", along, ("name", "values"), ("units", "long_name")
     )
     _check_name(dim)
+    if dim == name:  # the cube would have its coordinate there
+        raise ParameterError(f"observer: {name}.along.name = {dim!r}: must be another name than that of the variable")
     where = f"observer: {name}.along.values"
     values = np.arange(check_count(where, values)) if isinstance(values, int) else as_numbers(where, values, as_number)
     label = Quantity(its_units or "1", its_meaning or f"number of the {dim}")
