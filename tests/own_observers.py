@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numba import njit
 
 from dimersweep import observer
 
@@ -76,30 +75,10 @@ def misshapen(run):
     return {"wrong": np.zeros(3)}
 
 
-@observer(
-    mean_rate={"units": "rad s-1", "long_name": "mean of theta's rate at the ends of periods"},
-    gaps={"units": "m", "long_name": "greatest gaps there", "along": {"name": "end", "values": [1, 2]}},
-)
-@njit
-def strobed(end, run, row):
-    """Means and extremes over the ends of periods."""
-    row[0] += end.theta_rate / run.n_periods
-    row[1] = max(row[1], end.gap_1)
-    row[2] = max(row[2], end.gap_2)
-
-
 @observer(last={"units": "1", "long_name": "number of the last period"})
-@njit
-def counted(end, run, row):
+def counted(run):
     """Another one."""
-    row[0] = end.n
-
-
-@observer(nothing={"units": "1", "long_name": "that cannot be compiled"})
-@njit
-def untyped(end, run, row):
-    """Asks for what there is not."""
-    row[0] = end.height
+    return {"last": run.n_periods}
 
 
 def bare(run):

@@ -45,9 +45,9 @@ def asked(monkeypatch):
     """The lines that are run: the number of runs of each."""
     made = []
 
-    def counted(rows, *how):
+    def counted(rows, *how, **more):
         made.append(len(rows))
-        return carrying.carried(rows, *how)
+        return carrying.carried(rows, *how, **more)
 
     monkeypatch.setattr("dimersweep.studies.study.carried", counted)
     return made
@@ -306,11 +306,11 @@ def test_what_was_finished_is_not_run_again(both, asked, monkeypatch):
     """Two lines raise; the others are kept, and the sweep goes on with the two."""
     whole, broken = carrying.carried, []
 
-    def breaks(rows, *how):
+    def breaks(rows, *how, **more):
         if len(broken) < 2 and rows[0][0] == 0.55:
             broken.append(rows)
             raise MemoryError("no room")
-        return whole(rows, *how)
+        return whole(rows, *how, **more)
 
     monkeypatch.setattr(carrying, "carried", breaks)
     with pytest.raises(
@@ -326,8 +326,8 @@ def test_what_was_finished_is_not_run_again(both, asked, monkeypatch):
 def test_a_retry_makes_whole_lines_again(both, asked, monkeypatch):
     whole, failed = carrying.carried, []
 
-    def fails(rows, *how):
-        for k, solved in enumerate(whole(rows, *how)):
+    def fails(rows, *how, **more):
+        for k, solved in enumerate(whole(rows, *how, **more)):
             if k == 4 and not failed:
                 failed.append(k)
                 solved.codes[:2] = JAMMED, 1

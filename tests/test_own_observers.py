@@ -13,13 +13,12 @@ import pytest
 
 from dimersweep import attractors, loops, make, names, open_cube, read_declaration, refine, search, simulate, sweep
 from dimersweep.errors import ParameterError, PointError, StoreError
-from dimersweep.kernel.batch import run_rows
 from dimersweep.studies.declared import from_cube
 from dimersweep.studies.fingerprint import code_of
 from dimersweep.studies.planning import plan
 from dimersweep.studies.sweep import study_of
 from tests import own_observers
-from tests.own_observers import Scaled, counted, misshapen, spectral, strobed, turned, untyped
+from tests.own_observers import Scaled, counted, misshapen, spectral, turned
 
 pytestmark = [pytest.mark.jit, pytest.mark.usefixtures("empty_folder")]
 
@@ -160,8 +159,6 @@ def test_workers_have_the_same_numbers_and_tell_what_they_lack(cube, tmp_path, m
         Client(made) as client,
     ):
         assert same(sweep(GRID, observe=spectral, client=client, out="cube.nc", **QUIET), cube)
-        compiled = sweep(GRID, observe=strobed, client=client, **QUIET)
-        assert same(compiled, sweep(GRID, observe=strobed, **QUIET))
         (tmp_path / "here").mkdir()
         monkeypatch.syspath_prepend(tmp_path / "here")
         observe = module(tmp_path / "here", 1)
@@ -204,36 +201,6 @@ def test_another_shape_than_declared_is_told_at_each_point():
     made = sweep({"Gamma": [0.6, 0.9]}, observe=misshapen, **QUIET)
     assert set(made["observer_error"].values) == {b"ValueError: wrong: has shape (3,), and () was declared"}
     assert (names(made["status"]) == "observer").all()
-
-
-# --- a compiled one -----------------------------------------------------------------------------------------------------
-
-
-def test_a_compiled_one_is_called_at_the_end_of_each_forcing_period(plain):
-    made = sweep(GRID, observe=strobed, **QUIET)
-    for Gamma, beta0 in ((0.6, 0.1), (0.9, GRID["beta0"][3]), (1.0, 0.6)):
-        point = made.sel(Gamma=Gamma, beta0=beta0)
-        ends = simulate(Gamma=Gamma, beta0=beta0, periods=60, stop_when_settled=True).section().isel(n=slice(1, None))
-        assert point["mean_rate"].item() == pytest.approx(ends["theta_rate"].mean().item(), rel=1e-9)
-        assert point["gaps"].values == pytest.approx([ends[name].values.max() for name in ("gap_1", "gap_2")], rel=1e-9)
-    for name in plain.data_vars:
-        assert made[name].drop_attrs().identical(plain[name].drop_attrs()), name
-
-
-def test_a_second_one_has_no_kernel_compiled():
-    sweep({"Gamma": [0.6]}, observe=strobed, **QUIET)
-    known = list(run_rows.dispatcher.signatures)
-    made = sweep({"Gamma": [0.6, 0.9]}, observe=counted, **QUIET)
-    assert (made["last"] == made["n_periods"]).all()
-    assert list(run_rows.dispatcher.signatures) == known
-
-
-def test_one_that_cannot_be_compiled_is_refused_before_any_work():
-    with pytest.raises(
-        ParameterError, match=r"^observe = 'tests.own_observers:untyped': cannot be compiled \(.*height"
-    ):
-        sweep({"Gamma": [0.6]}, observe=untyped, out="cube.nc", **QUIET)
-    assert os.listdir() == []
 
 
 # --- in other studies ---------------------------------------------------------------------------------------------------
@@ -295,7 +262,7 @@ def test_a_file_names_one_that_lies_beside_it(tmp_path, monkeypatch, call):
     assert from_cube("cube.nc").study().configuration() == json.loads(made.attrs["configuration"])
     out, _, code = call("run", str(folder / "file.toml"), "--observe", "tests.own_observers:turned", "--out", "t.nc")
     assert code == 0 and "rest 1, drift 1" in out and "turned" in open_cube("t.nc")
-    out, _, code = call("plan", str(folder / "file.toml"), "--observe", "tests.own_observers:strobed")
+    out, _, code = call("plan", str(folder / "file.toml"), "--observe", "tests.own_observers:counted")
     assert code == 0 and "2 random points" in out
 
 

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from dimersweep import observer, simulate, sweep
 from dimersweep.cubes.cube import blank
@@ -127,14 +126,7 @@ def sampled(run):
     return {"events": run.n_events}
 
 
-@observer(rate={"units": "rad s-1", "long_name": "mean of theta's rate"})
-@njit
-def compiled(end, run, row):
-    """One that Numba compiles."""
-    row[0] += end.theta_rate / run.n_periods
-
-
-OBSERVERS = {"compiled": compiled, "in Python, looks at no state": bare, "in Python, takes 128 states": sampled}
+OBSERVERS = {"looks at no state": bare, "takes 128 states": sampled}
 
 
 def observer_ratios(repeats: int, periods: int, *, settle: bool) -> dict[str, np.ndarray]:

@@ -1,7 +1,6 @@
 """Runs in a line that carry their state on: each starts from the state that the one before it has ended in."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Unpack
 
 import numpy as np
 
@@ -9,7 +8,7 @@ from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import Run, as_run, proven_run
-from dimersweep.runs.solving import Kept, RunSettings, Solved, run_row
+from dimersweep.runs.solving import RunSettings, Solved, run_row
 from dimersweep.runs.starting import fitted
 
 
@@ -19,7 +18,8 @@ def carried(
     space: Workspace,
     start: np.ndarray | None = None,
     before: np.ndarray | None = None,
-    **kept: Unpack[Kept],
+    *,
+    record: bool = False,
 ) -> Iterator[Solved]:
     """Make runs one after the other; the first starts as its parameters say, or from `start`.
 
@@ -36,8 +36,8 @@ def carried(
     start : ndarray, shape (1, N_START), optional
     before : ndarray, shape (N_ROW,), optional
         Parameters that `start` comes from.
-    **kept
-        See `run_row`.
+    record : bool
+        Whether their events and states are recorded.
 
     Yields
     ------
@@ -46,7 +46,7 @@ def carried(
     for row in rows:
         if start is not None and before is not None:
             start = fitted(start, before, row)
-        solved = run_row(row, start, how, space, **kept)
+        solved = run_row(row, start, how, space, record=record)
         if is_stopped(space):
             return
         yield solved

@@ -1,7 +1,7 @@
 """How runs are made: their length and accuracy, one run with its record and its end, many that are given time to settle."""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple, TypedDict
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from dimersweep.kernel.model.layout import (
     X1,
     Y1,
 )
-from dimersweep.kernel.record import Record, new_record, new_strobes, no_record, rows_of, was_full
+from dimersweep.kernel.record import Record, new_record, no_record, rows_of, was_full
 from dimersweep.kernel.verdict.past import PAST_SHAPE
 from dimersweep.runs.recorded import RunRecord
 
@@ -112,13 +112,6 @@ class RunEnd(NamedTuple):
     past: np.ndarray
 
 
-class Kept(TypedDict, total=False):
-    """What `run_row` keeps of a run besides its end."""
-
-    record: bool
-    strobes: bool
-
-
 class Solved(NamedTuple):
     """What the kernel gives of one run.
 
@@ -131,8 +124,6 @@ class Solved(NamedTuple):
         Forcing periods that were run.
     start : ndarray, shape (1, N_START), or None
         State and friction modes that it started from; None for the start of its parameters.
-    strobes : ndarray, shape (n, N_STROBE)
-        Of the ends of its forcing periods, if these were wanted; see ``kernel.record.STROBE``.
     """
 
     out: np.ndarray
@@ -141,7 +132,6 @@ class Solved(NamedTuple):
     end: RunEnd
     cost: int
     start: np.ndarray | None
-    strobes: np.ndarray
 
     @property
     def onward(self) -> np.ndarray | None:
@@ -160,7 +150,6 @@ def run_row(
     space: Workspace,
     *,
     record: bool = False,
-    strobes: bool = False,
     past: np.ndarray | None = None,
 ) -> Solved:
     """One point, made anew for twice as many periods until it has settled, as `how` says; the last of these runs.
@@ -178,8 +167,6 @@ def run_row(
     space : Workspace
         Scratch arrays, which may be stopped.
     record : bool
-    strobes : bool
-        Whether those at the ends of its forcing periods are wanted.
     past : ndarray, optional
         Of the run that goes on.
 
@@ -207,16 +194,15 @@ def run_row(
             full, (events, segments) = was_full(made), rows_of(made)
             begun = np.zeros((0, N_START)) if start is None else start
             kept = RunRecord(row, how.rtol, events.copy(), segments.copy(), full, begun)
-        ends = new_strobes(periods if strobes else 0)
-        if full or not record or strobes:
-            run(periods, no_record(ends))
+        if full or not record:
+            run(periods, no_record())
         cost += int(codes[0, CODE_N_PERIODS])
         if codes[0, CODE_MODE] != M_UNRESOLVED:
             break
     end = RunEnd(
         np.concatenate([space.state, space.modes])[None], space.past.view(np.float64).reshape(PAST_SHAPE).copy()
     )
-    return Solved(out[0], codes[0], kept, end, cost, start, ends[: codes[0, CODE_N_PERIODS]])
+    return Solved(out[0], codes[0], kept, end, cost, start)
 
 
 def go_on(
@@ -257,7 +243,6 @@ def run_patiently(
     codes: np.ndarray,
     until: int = 0,
     space: Workspace | None = None,
-    strobes: np.ndarray | None = None,
 ) -> int:
     """Run points as `run_many` does, up to the first that has not settled; that one again for twice as long, and so on.
 
@@ -269,8 +254,6 @@ def run_patiently(
     rows, out, codes, until, space
         See ``kernel.batch.run_rows``.
     how : RunSettings
-    strobes : ndarray, shape (n, how.max_periods, N_STROBE), optional
-        Filled in with those of the last run of each point.
 
     Returns
     -------
@@ -279,17 +262,14 @@ def run_patiently(
     """
     rtol, settle = how.rtol, how.stop_when_settled
 
-    def kept(points: slice) -> dict[str, Any]:
-        return {} if strobes is None else {"strobes": strobes[points].reshape(-1, strobes.shape[-1])}
-
     first, *longer = how.lengths()
     which = until | 1 << M_UNRESOLVED
-    made = run_many(rows, first, rtol, settle, out, codes, until=which, space=space, **kept(slice(None)))
+    made = run_many(rows, first, rtol, settle, out, codes, until=which, space=space)
     last = slice(made - 1, made)
     for more in longer:
         if not made or codes[made - 1, CODE_MODE] != M_UNRESOLVED:
             break
-        if not run_many(rows[last], more, rtol, settle, out[last], codes[last], until=until, space=space, **kept(last)):
+        if not run_many(rows[last], more, rtol, settle, out[last], codes[last], until=until, space=space):
             return made - 1  # it was stopped
     return made
 

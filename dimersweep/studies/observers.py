@@ -18,7 +18,7 @@ from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import states_of
 from dimersweep.runs.run import simulate_checked
 from dimersweep.runs.shadows import certified
-from dimersweep.runs.solving import MAX_RECORDED, Kept, RunSettings, Solved, exactly, run_all_patiently, run_row
+from dimersweep.runs.solving import MAX_RECORDED, RunSettings, Solved, exactly, run_all_patiently, run_row
 from dimersweep.symbols import QUANTITIES, STATE_QUANTITIES, Quantity
 
 MAX_NUMBERS = 20_000_000  # of strobes, or of positions, in one cube, which is held in memory
@@ -39,8 +39,6 @@ class Ran(NamedTuple):
         Of a run that was made by itself: its start, its end, and what an observer has asked for.
     given : mapping of str to float, optional
         Of such a run, the parameters that its study gives.
-    strobes : ndarray, shape (n, ..., N_STROBE), optional
-        Of the ends of the forcing periods of each, if an observer has asked for them.
     """
 
     rows: np.ndarray
@@ -48,7 +46,6 @@ class Ran(NamedTuple):
     results: np.ndarray
     solved: Solved | None = None
     given: Mapping[str, float] | None = None
-    strobes: np.ndarray | None = None
 
     @property
     def start(self) -> np.ndarray | None:
@@ -59,7 +56,7 @@ class Ran(NamedTuple):
 class Observer(ABC):
     """What is known of each point besides the numbers of its run."""
 
-    # of each run: its strobes; or its end or its record, for which points are run one by one
+    # of each run: its end or its record, for which points are run one by one
     needs: ClassVar[frozenset[str]] = frozenset()
 
     @property
@@ -264,11 +261,6 @@ class EndStates(Observer):
 def needs_of(observers: Iterable[Observer]) -> frozenset[str]:
     """What observers ask for."""
     return frozenset[str]().union(*(observer.needs for observer in observers))
-
-
-def kept_of(observers: Iterable[Observer]) -> Kept:
-    """What is kept of each run for observers, where it is made by itself."""
-    return dict.fromkeys(Kept.__optional_keys__ & needs_of(observers), True)  # type: ignore[return-value]
 
 
 def strobes_of(n: Any, points: int) -> tuple[Observer, ...]:

@@ -5,7 +5,7 @@ import reprlib
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache, partial
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import FunctionType
@@ -13,20 +13,11 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from dimersweep.cubes.results import OBSERVER_FAILED, RESULT, Along, Field, blank_results, kind_with
+from dimersweep.cubes.results import OBSERVER_FAILED, RESULT, Along, Field
 from dimersweep.errors import ParameterError, one_line, unknown
 from dimersweep.inputs import as_number, as_numbers, check_count
 from dimersweep.kernel.batch import Workspace, is_stopped
-from dimersweep.kernel.model.layout import (
-    CODE_N_PERIODS,
-    CODE_STATUS,
-    CODES,
-    N_ROW,
-    OK,
-    OUT,
-    ROW,
-)
-from dimersweep.kernel.record import N_STROBE, STROBE
+from dimersweep.kernel.model.layout import CODE_STATUS, OK
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import as_run
@@ -38,14 +29,9 @@ from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 DECLARED = "observer_variables"  # attribute of what `observer` has marked
 MESSAGE_BYTES = 100  # of what is kept of an error
 WHY = Field("observer_error", QUANTITIES["observer_error"], f"S{MESSAGE_BYTES}", about="status")
-RECORDED = "a run that an observer looks at; a compiled one needs no record"
+RECORDED = "a run that an observer looks at"
 
 F = TypeVar("F")
-
-# what a compiled one is given of the end of a period, and of the run: its parameters, its codes and its numbers
-END = np.dtype([(name, float) for name in STROBE])
-FACTS = np.dtype([(name, float) for name in (*ROW, *CODES, *OUT)])
-
 
 # --- what an observer declares ------------------------------------------------------------------------------------------
 
@@ -62,13 +48,13 @@ def observer(**variables: Mapping[str, Any]) -> Callable[[F], F]:
     Returns
     -------
     callable
-        Marks a function, a dataclass that can be called, or a function that `numba.njit` has compiled, and returns it. The
-        function is called with a `Run`, and returns a mapping of names to numbers; what it leaves out is missing (NaN).
+        Marks a function, or a dataclass that can be called, and returns it. It is called with a `Run`, and returns a mapping of
+        names to numbers; what it leaves out is missing (NaN).
 
     Raises
     ------
     ParameterError
-        If a declaration is not as it must be.
+        If a declaration is not as it must be, or what it marks is neither a function nor a dataclass.
 
     Examples
     --------
@@ -87,6 +73,8 @@ def observer(**variables: Mapping[str, Any]) -> Callable[[F], F]:
     declared = tuple(_field(name, told) for name, told in variables.items())
 
     def mark(function: F) -> F:
+        if not isinstance(function, FunctionType | type):
+            raise ParameterError(f"observer: marks a function or a dataclass, and no {type(function).__name__}")
         setattr(function, DECLARED, declared)
         return function
 
@@ -189,7 +177,7 @@ def _taken_apart(given: Any) -> tuple[Any, dict[str, Any]]:
     if not hasattr(given, DECLARED):
         cure = 'mark it with @dimersweep.observer(name={"units": ..., "long_name": ...})'
         raise ParameterError(f"{shown}: declares nothing; {cure}")
-    if not isinstance(getattr(given, "py_func", given), FunctionType | type):
+    if not isinstance(given, FunctionType | type):
         raise ParameterError(f"{shown}: must be a function or an instance of a dataclass")
     if isinstance(given, type) and not (is_dataclass(given) and "__call__" in vars(given)):
         raise ParameterError(f"{shown}: must be a dataclass with a __call__")
@@ -209,7 +197,7 @@ def _taken_apart(given: Any) -> tuple[Any, dict[str, Any]]:
 
 @dataclass(frozen=True, eq=False)
 class OwnObserver(Observer):
-    """An observer of a user's own.
+    """An observer of a user's own: ``f(run)`` returns a mapping.
 
     Parameters
     ----------
@@ -224,6 +212,8 @@ class OwnObserver(Observer):
     base : function or class, optional
         What has that name; None in another process, which looks for it.
     """
+
+    needs: ClassVar[frozenset[str]] = frozenset({"record"})
 
     name: str
     arguments: dict[str, Any]
@@ -266,12 +256,6 @@ class OwnObserver(Observer):
         result[WHY.name] = why.encode("ascii", "backslashreplace")[:MESSAGE_BYTES]
         result["codes"][CODE_STATUS] = OBSERVER_FAILED
 
-
-class RunObserver(OwnObserver):
-    """One that is given the run: ``f(run)`` returns a mapping."""
-
-    needs: ClassVar[frozenset[str]] = frozenset({"record"})
-
     def observe(self, ran: Ran, space: Workspace) -> None:
         """See `Observer`."""
         how, here = self.how or ran.how, self.here
@@ -305,67 +289,6 @@ class RunObserver(OwnObserver):
             if told[name].shape != shapes[name]:
                 raise ValueError(f"{name}: has shape {told[name].shape}, and {shapes[name]} was declared")
         return told
-
-
-class PeriodObserver(OwnObserver):
-    """One that Numba has compiled: ``f(end, run, row)`` is called at the end of each forcing period, and writes to its row."""
-
-    needs: ClassVar[frozenset[str]] = frozenset({"strobes"})
-
-    def check_here(self) -> None:
-        """See `Observer`; compiles it."""
-        super().check_here()
-        try:
-            self._look(np.zeros((0, N_ROW)), blank_results(0, kind_with(self.fields)), np.zeros((0, 1, N_STROBE)))
-        except Exception as error:
-            why = f"{type(error).__name__}: {one_line(error)}"
-            raise ParameterError(f"observe = {self.name!r}: cannot be compiled ({why})") from None
-
-    def observe(self, ran: Ran, space: Workspace) -> None:
-        """See `Observer`."""
-        strobes = ran.strobes
-        if strobes is None:  # of a search, whose deciding run is made once more
-            solved = [run_row(row, None, self.how or ran.how, space, strobes=True) for row in ran.rows]
-            if is_stopped(space) or not solved:
-                return
-            strobes = solved[0].strobes[None]
-        try:
-            self._look(ran.rows, ran.results, strobes)
-        except Exception as error:
-            if len(ran.rows) == 1:
-                self.failed(ran.results[0], error)
-                return
-            for k in range(len(ran.rows)):  # find the one
-                one = slice(k, k + 1)
-                self.observe(ran._replace(rows=ran.rows[one], results=ran.results[one], strobes=strobes[one]), space)
-
-    def _look(self, rows: np.ndarray, results: np.ndarray, strobes: np.ndarray) -> None:
-        """Call it for runs, shape (n,), and fill in what it has written, where they have reached their ends."""
-        codes = results["codes"]
-        reached = codes[:, CODE_STATUS] == OK
-        facts = np.column_stack([rows, codes, results["out"]])
-        values = np.zeros((len(rows), sum(each.size for each in self.declared)))
-        counts = np.where(reached, codes[:, CODE_N_PERIODS], 0)
-        ends = np.ascontiguousarray(strobes).view(END).reshape(strobes.shape[:2])
-        _driver(self.here)(ends, counts, facts.view(FACTS).reshape(len(rows)), values)
-        first = 0
-        for each in self.declared:
-            results[each.name][reached] = values[reached, first : first + each.size].reshape(-1, *each.shape)
-            first += each.size
-
-
-@cache
-def _driver(function: Any) -> Any:
-    """Calls a compiled observer at the ends of periods, run after run; that alone is compiled for it."""
-    from numba import njit
-
-    @njit(nogil=True)
-    def drive(ends: Any, counts: Any, runs: Any, rows: Any) -> None:
-        for k in range(len(runs)):
-            for n in range(counts[k]):
-                function(ends[k, n], runs[k], rows[k])
-
-    return drive
 
 
 def _code(base: Any) -> str:
@@ -415,11 +338,7 @@ def own_of(
         except TypeError as error:
             raise ParameterError(f"observe = {observe!r}: {one_line(error)}") from None
     base, known = _taken_apart(given)
-    kind = PeriodObserver if hasattr(base, "py_func") else RunObserver
-    if kind is RunObserver:
-        check_recorded((again or how).max_periods, RECORDED)
-    elif known:
-        raise ParameterError(f"observe = {_shown(base)}: a compiled observer takes no arguments ({', '.join(known)})")
+    check_recorded((again or how).max_periods, RECORDED)
     declared = getattr(base, DECLARED)
     _check_names(declared, [each for other in others for each in other.fields], axes)
     numbers = sum(each.size for each in declared if each.along)
@@ -428,7 +347,7 @@ def own_of(
             f"observe: {points} points with {numbers} numbers in arrays; one cube may hold {MAX_NUMBERS} of them"
         )
     name = f"{base.__module__}:{base.__qualname__}"
-    return (kind(name, known, code_of(base, declared), declared, again, base),)
+    return (OwnObserver(name, known, code_of(base, declared), declared, again, base),)
 
 
 def _check_names(declared: Iterable[Field], others: Iterable[Field], axes: Iterable[str]) -> None:

@@ -12,14 +12,12 @@ from dimersweep.cubes.grid import Grid, check_fits
 from dimersweep.cubes.results import Field, Tile, blank_results, kind_with, not_ok
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
-from dimersweep.kernel.record import new_strobes
 from dimersweep.runs.carrying import carried
 from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently
-from dimersweep.studies.observers import Observer, Ran, kept_of, needs_of
+from dimersweep.studies.observers import Observer, Ran, needs_of
 
 MOST_PARTS = 200  # that are timed
 MOST_OF_LINE = 20  # values of a line that are timed
-MOST_STROBES = 1 << 16  # that runs which are made together may keep: 6 MB
 
 
 class Batch(NamedTuple):
@@ -159,30 +157,26 @@ class Study:
     def _runs(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
         """Run `points`, from the first one on; where a state is carried, in whole lines."""
         rows = self.grid.rows_at(points)
-        has_ways, needs = "direction" in self.grid.axes, needs_of(self.observers)
-        if has_ways or needs - {"strobes"}:
+        has_ways = "direction" in self.grid.axes
+        if has_ways or needs_of(self.observers):
             for first in range(0, points.size, self.line):
                 line = slice(first, first + self.line)
                 way = -1 if has_ways and self.grid.values(points[first])["direction"] else 1
                 yield from self._carried(points[line][::way], rows[line][::way], results[line][::way], space)
         else:
-            strobes, longest = None, self.how.max_periods
-            if needs:
-                rows = rows[: max(1, MOST_STROBES // longest)]
-                strobes = new_strobes(len(rows) * longest).reshape(len(rows), longest, -1)
             out, codes = blank(len(rows))
-            done = run_patiently(rows, self.how, out, codes, until=SLOW_MODES, space=space, strobes=strobes)
+            done = run_patiently(rows, self.how, out, codes, until=SLOW_MODES, space=space)
             results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
-            yield Ran(rows[:done], self.how, results[:done], strobes=None if strobes is None else strobes[:done])
+            yield Ran(rows[:done], self.how, results[:done])
 
     def _carried(self, points: np.ndarray, rows: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
         """Run the points of one line, or a point alone, each from the state in which the one before it has ended."""
-        kept = kept_of(self.observers)
-        for k, solved in enumerate(carried(rows, self.how, space, **kept)):
+        record = "record" in needs_of(self.observers)
+        for k, solved in enumerate(carried(rows, self.how, space, record=record)):
             here = slice(k, k + 1)
             results["out"][here], results["codes"][here] = solved.out, solved.codes
-            given = self.grid.given(points[k]) if "record" in kept else None
-            yield Ran(rows[here], self.how, results[here], solved, given, solved.strobes[None])
+            given = self.grid.given(points[k]) if record else None
+            yield Ran(rows[here], self.how, results[here], solved, given)
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """What is to be run, one batch after the other; the study of the last one labels all results.
