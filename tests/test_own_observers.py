@@ -5,16 +5,28 @@ import json
 import os
 import subprocess
 import sys
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
 
-from dimersweep import attractors, loops, make, names, open_cube, read_declaration, refine, search, simulate, sweep
+from dimersweep import (
+    attractors,
+    loops,
+    make,
+    names,
+    observer,
+    open_cube,
+    read_declaration,
+    refine,
+    search,
+    simulate,
+    sweep,
+)
 from dimersweep.errors import ParameterError, PointError, StoreError
 from dimersweep.studies.declared import from_cube
-from dimersweep.studies.fingerprint import code_of
 from dimersweep.studies.planning import plan
 from dimersweep.studies.sweep import study_of
 from tests import own_observers
@@ -130,12 +142,8 @@ def f(run):
 
 
 def module(folder, factor):
-    """A module with an observer, as it is written now."""
-    (folder / "my_module.py").write_text(TEXT.format(factor=factor))
-    sys.modules.pop("my_module", None)
-    importlib.invalidate_caches()
-    sys.dont_write_bytecode = True
-    return importlib.import_module("my_module").f
+    """What is called f in such a module."""
+    return imported(folder, TEXT.format(factor=factor))
 
 
 def test_another_version_of_it_makes_another_study(tmp_path, monkeypatch):
@@ -273,37 +281,187 @@ def test_a_plan_times_it():
 
 # --- what tells it from another -------------------------------------------------------------------------------------------
 
+HEAD = """
+import functools
+from dataclasses import dataclass
+from fractions import Fraction
+import numpy as np
+from dimersweep import observer
+"""
+MARKED = """
+@observer(events={"units": "1", "long_name": "events"})
+def f(run):
+    return {"events": value(run.n_events)}
+"""
+OF_CLASS = """
+@observer(events={"units": "1", "long_name": "events"})
+@dataclass
+class f(Base):
+    def __call__(self, run):
+        return {"events": self.value(run.n_events)}
+"""
+CHANGES = {  # what one module has, the number 70 in place of 1 in the other, and what observes
+    "a numpy number": ("K = np.float64(1)\ndef value(n): return K * n", MARKED),
+    "an object array": ("K = np.array([1, None])\ndef value(n): return K[0] * n", MARKED),
+    "a slice": ("K = slice(0, 1)\ndef value(n): return n * len(range(99)[K])", MARKED),
+    "a fraction": ("K = Fraction(1, 3)\ndef value(n): return float(K * n)", MARKED),
+    "a partial": ("value = functools.partial(lambda k, n: k * n, 1)", MARKED),
+    "a cached helper": ("@functools.lru_cache\ndef value(n): return 1 * n", MARKED),
+    "a vectorized one": ("value = np.vectorize(lambda n: 1 * n, otypes=[float])", MARKED),
+    "a wrapped one": (
+        "def same(g):\n    @functools.wraps(g)\n    def h(n): return 1 * g(n)\n    return h\n@same\ndef value(n): return n",
+        MARKED,
+    ),
+    "an inherited method": ("class Base:\n    def value(self, n): return 1 * n", OF_CLASS),
+    "a polynomial": ("value = np.polynomial.Polynomial([0, 1])", MARKED),
+}
 
-def made_from(text):
-    space = {"__name__": "somewhere"}
-    exec(text, space)
-    return space["f"]
+
+def imported(folder, text):
+    """What is called f in a module with this text, which is written and imported now."""
+    (folder / "my_module.py").write_bytes(text.encode())
+    sys.modules.pop("my_module", None)
+    importlib.invalidate_caches()
+    sys.dont_write_bytecode = True
+    return importlib.import_module("my_module").f
 
 
-FIRST = "K = 1\ndef g(x, n=2): return x + n\ndef f(run): return g(K) if run in {'a', 'b', 'c'} else [g(i) for i in run]"
+def code(observe):
+    """What tells an observer from another."""
+    return study_of({"Gamma": [0.6]}, observe=observe, periods=5).configuration()["observe"]["code"]
+
+
+@pytest.mark.parametrize("kind", CHANGES)
+def test_what_its_module_has_tells_it_from_another(kind, tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    has, marked = CHANGES[kind]
+    one, other = HEAD + has + marked, HEAD + has.replace("1", "70", 1) + marked
+    codes = [code(imported(tmp_path, text)) for text in (one, other, one, one.replace("\n", "\r\n"))]
+    assert codes[0] == codes[2] == codes[3] != codes[1]
+
+
+def test_another_constant_is_not_taken_for_the_same(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    has, marked = CHANGES["a numpy number"]
+    sweep({"Gamma": [0.6, 0.7]}, observe=imported(tmp_path, HEAD + has + marked), out="cube.nc", **QUIET)
+    other = imported(tmp_path, HEAD + has.replace("1", "70") + marked)
+    with pytest.raises(StoreError, match=r'made otherwise:\n  observe\.code: "text [0-9a-f]{16}" -> "text '):
+        sweep({"Gamma": [0.6, 0.7, 0.8]}, observe=other, extend="cube.nc", **QUIET)
+
+
+def code_elsewhere(*words):
+    """What another process finds."""
+    show = (
+        "import sys; from tests.test_own_observers import code; sys.path[:0] = sys.argv[1:]; "
+        "import my_module; print(code(my_module.f))"
+    )
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", show, *words], env=environment, capture_output=True, check=True, text=True
+    )
+    return done.stdout.strip()
+
+
+def test_another_process_another_place_and_an_archive_have_the_same(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    has, marked = CHANGES["an object array"]
+    here = code(imported(tmp_path, HEAD + has + marked))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "my_module.py").rename(tmp_path / "other" / "my_module.py")
+    with ZipFile(tmp_path / "archive.zip", "w") as archive:
+        archive.write(tmp_path / "other" / "my_module.py", "my_module.py")
+    assert here == code_elsewhere(str(tmp_path / "other")) == code_elsewhere(str(tmp_path / "archive.zip"))
+
+
+HELPED = """
+from dimersweep import observer
+import helpers
+@observer(events={{"units": "1", "long_name": "events"}}{more})
+def f(run):
+    return {{"events": helpers.factor * run.n_events}}
+"""
+
+
+def test_a_module_that_it_depends_on_counts_and_may_not_change_meanwhile(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    codes = {}
+    for more in ("", ', depends="helpers"', ", depends=[helpers]"):
+        for factor in (1, 70):
+            (tmp_path / "helpers.py").write_text(f"factor = {factor}")
+            sys.modules.pop("helpers", None)
+            codes[more, factor] = code(f := imported(tmp_path, HELPED.format(more=more)))
+    same = {more: codes[more, 1] == codes[more, 70] for more in ("", ', depends="helpers"', ", depends=[helpers]")}
+    assert [*same.values()] == [True, False, False]
+    (tmp_path / "helpers.py").write_text("factor = 1\n")
+    with pytest.raises(
+        ParameterError, match=r"observe = 'my_module:f': is another version here; import all of it anew"
+    ):
+        sweep({"Gamma": [0.6]}, observe=f, **QUIET)
+
+
+def test_one_of_a_module_that_was_imported_anew_is_refused(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    f = imported(tmp_path, TEXT.format(factor=1))
+    (tmp_path / "my_module.py").write_text(TEXT.format(factor=2))
+    assert sweep({"Gamma": [0.6]}, observe=f, **QUIET)["events"] > 0, "a file that has changed since is not what runs"
+    importlib.reload(sys.modules["my_module"])
+    with pytest.raises(
+        ParameterError, match=r"observe = 'my_module:f': is another version here; import all of it anew"
+    ):
+        sweep({"Gamma": [0.6]}, observe=f, **QUIET)
+
+
+def test_a_version_stands_in_place_of_the_text(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    grid, text = {"Gamma": [0.6, 0.7]}, TEXT.format(factor=1)
+    sweep(grid, observe=imported(tmp_path, text), out="cube.nc", **QUIET)
+    known = open_cube("cube.nc").attrs["configuration"].split('"code": "')[1][:21]
+    told = text.replace("@observer(", f'@observer(version="{known}", ') + "# laid out anew\n"
+    whole = sweep({"Gamma": [0.6, 0.7, 0.8]}, observe=imported(tmp_path, told), extend="cube.nc", **QUIET)
+    assert (whole["events"] == whole["n_events"]).all()
+    assert code(imported(tmp_path, text.replace("@observer(", "@observer(version=2, "))) == "2"
+
+
+def test_a_cell_of_a_notebook_has_its_text():
+    from IPython.core.interactiveshell import InteractiveShell
+
+    shell, codes = InteractiveShell(), []
+    for factor in (1, 1, 70):
+        shell.run_cell(TEXT.format(factor=factor), store_history=True).raise_error()
+        codes.append(code(shell.user_ns["f"]))
+    assert codes[0] == codes[1] != codes[2]
+
+
+FIELD = {"events": {"units": "1", "long_name": "events"}}
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("K = 1", "K = 2"),
-        ("n=2", "n=3"),
-        ("x + n", "x - n"),
-        ("'c'", "'d'"),
-        ("g(i)", "g(-i)"),
-        ("def f(run)", "def f(run, t=1)"),
-    ],
+    "text", ["f = observer(**FIELD)(lambda run: {})", "@observer(**FIELD)\ndef f(run):\n    return {}"]
 )
-def test_what_it_does_and_what_it_names_tell_it_from_another(old, new):
-    same_text = made_from("\n\n" + FIRST + "\n# a comment\n")
-    assert code_of(made_from(FIRST), ()) == code_of(same_text, ())
-    assert code_of(made_from(FIRST), ()) != code_of(made_from(FIRST.replace(old, new)), ())
+def test_what_has_no_text_of_its_own_needs_a_version(text):
+    space = {"observer": observer, "FIELD": FIELD}
+    with pytest.raises(ParameterError, match=r"^observer: .*give version="):
+        exec(text, space)
+    exec(text.replace("**FIELD", "version=3, **FIELD"), space)
+    assert code(space["f"]) == "3"
 
 
-def test_other_processes_find_the_same():
-    show = f"exec({FIRST!r}); from dimersweep.studies.fingerprint import code_of; print(code_of(f, ()))"
-    told = set()
-    for seed in "01":
-        environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": seed}
-        told.add(subprocess.run([sys.executable, "-c", show], env=environment, capture_output=True, check=True).stdout)
-    assert len(told) == 1
+def test_what_only_wraps_or_inherits_is_not_taken_for_what_was_marked():
+    @wraps(spectral)
+    def wrapped(run):
+        return {"peak": 70.0}
+
+    class Inherits(Scaled):
+        def __call__(self, run):
+            return {"scaled": 70.0}
+
+    for observe in (wrapped, Inherits(2.0)):
+        with pytest.raises(ParameterError, match=r"declares nothing; mark a function or a dataclass, above all else"):
+            sweep({"Gamma": [0.6]}, observe=observe, **QUIET)
+
+
+def test_two_of_one_name_in_one_file_are_told_apart(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    one, other = MARKED.replace("def f", "def g"), MARKED.replace("def f", "def g").replace("value(", "2 * value(")
+    f = imported(tmp_path, HEAD + "def value(n): return n\n" + one + "f = [g]\n" + other + "f += [g]\n")
+    assert f[0].__qualname__ == f[1].__qualname__ and code(f[0]) != code(f[1])

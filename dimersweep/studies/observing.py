@@ -1,5 +1,7 @@
 """Observers of a user's own: what they declare, what tells one from another, and what they make of each run."""
 
+import hashlib
+import inspect
 import json
 import reprlib
 import sys
@@ -8,8 +10,8 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import FunctionType
-from typing import Any, ClassVar, TypeVar
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -22,25 +24,39 @@ from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import as_run
 from dimersweep.runs.solving import RunSettings, check_recorded, run_row
-from dimersweep.studies.fingerprint import code_of
 from dimersweep.studies.observers import MAX_NUMBERS, Observer, Ran
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 
-DECLARED = "observer_variables"  # attribute of what `observer` has marked
+DECLARED = "observer_declaration"  # attribute of what `observer` has marked
 MESSAGE_BYTES = 100  # of what is kept of an error
 WHY = Field("observer_error", QUANTITIES["observer_error"], f"S{MESSAGE_BYTES}", about="status")
 RECORDED = "a run that an observer looks at"
 
 F = TypeVar("F")
 
+
+class Declared(NamedTuple):
+    """What `observer` has noted: the variables, the version or a checksum of the text, and the texts of other modules."""
+
+    variables: tuple[Field, ...]
+    code: str
+    depends: Mapping[str, str]
+
+
 # --- what an observer declares ------------------------------------------------------------------------------------------
 
 
-def observer(**variables: Mapping[str, Any]) -> Callable[[F], F]:
+def observer(
+    *, version: str | int | None = None, depends: Any = (), **variables: Mapping[str, Any]
+) -> Callable[[F], F]:
     """Declare what a function makes of each run of a sweep: ``sweep(..., observe=f)``; see docs/observers.md.
 
     Parameters
     ----------
+    version : str or int, optional
+        What tells it from another version of it, in place of the text of its file.
+    depends : sequence of str or module, optional
+        Modules whose text counts, too.
     **variables : mapping
         For each name that the function gives: `units` ("1" if none), `long_name`, and for an array of one dimension `along`, a
         mapping with the `name` of the dimension, its `values` or their number, and perhaps their `units` and `long_name`.
@@ -54,7 +70,8 @@ def observer(**variables: Mapping[str, Any]) -> Callable[[F], F]:
     Raises
     ------
     ParameterError
-        If a declaration is not as it must be, or what it marks is neither a function nor a dataclass.
+        If a declaration is not as it must be, or what it marks is neither a function nor a dataclass; if the text of its file
+        cannot be read, or does not tell it from others, and there is no `version`.
 
     Examples
     --------
@@ -70,12 +87,19 @@ def observer(**variables: Mapping[str, Any]) -> Callable[[F], F]:
     """
     if not variables:
         raise ParameterError('observer: declares nothing; give names, such as peak={"units": "Hz", "long_name": "..."}')
+    if not isinstance(version, str | int | None):
+        raise ParameterError(f"observer: version = {reprlib.repr(version)}: must be a text or a whole number")
+    if version is not None and depends:
+        raise ParameterError("observer: version: stands in place of the text of all files; give it without depends")
     declared = tuple(_field(name, told) for name, told in variables.items())
+    modules = map(_module, depends if isinstance(depends, list | tuple) else [depends])
+    texts = {each.__name__: _text_of(each) for each in modules}
 
     def mark(function: F) -> F:
         if not isinstance(function, FunctionType | type):
             raise ParameterError(f"observer: marks a function or a dataclass, and no {type(function).__name__}")
-        setattr(function, DECLARED, declared)
+        code = _checksum(function, sys._getframe(1).f_code, declared, texts) if version is None else str(version)
+        setattr(function, DECLARED, Declared(declared, code, texts))
         return function
 
     return mark
@@ -120,6 +144,50 @@ def _declared(where: str, told: Any, needed: tuple[str, ...], more: tuple[str, .
     return [told.get(key) for key in (*needed, *more)]
 
 
+# --- what tells it from another -------------------------------------------------------------------------------------------
+
+
+def _checksum(function: Any, caller: CodeType, *told: Any) -> str:
+    """What tells a function or a class from another: of all the text of its file, its line there, and what is `told` besides.
+
+    A decorator may stand in another file than the `caller`, which marks it. The text is taken when the file is imported: later
+    on it may have changed.
+
+    Raises
+    ------
+    ParameterError
+        If the text cannot be read, or one line of it may make several observers.
+    """
+    if "<" in function.__qualname__:  # <lambda>, or in the <locals> of a function
+        raise ParameterError(
+            f"observer: {function.__qualname__}: must be defined by its name, outside of all functions; else give version="
+        )
+    call = inspect.unwrap(vars(function).get("__call__", function) if isinstance(function, type) else function)
+    code = getattr(call, "__code__", caller)
+    told = (_text_of(caller), _text_of(code), code.co_firstlineno, *told)
+    return "text " + hashlib.sha256(json.dumps(told, default=np.ndarray.tolist).encode()).hexdigest()[:16]
+
+
+def _text_of(what: CodeType | ModuleType) -> str:
+    """All of the file in which code stands, or of the cell of a notebook."""
+    try:
+        return "".join(inspect.findsource(what)[0])
+    except (OSError, TypeError):
+        raise ParameterError(
+            f"observer: the text of {what!r} cannot be read; give version=, and change it with the code"
+        ) from None
+
+
+def _module(given: str | ModuleType) -> Any:
+    """A module that an observer depends on."""
+    there = _imported(given, f"observer: depends = {given!r}") if isinstance(given, str) else given
+    if not isinstance(there, ModuleType) or hasattr(there, "__path__"):
+        raise ParameterError(
+            f"observer: depends = {given!r}: must be modules or their names, and of a package those in it"
+        )
+    return there
+
+
 # --- where it is ----------------------------------------------------------------------------------------------------------
 
 
@@ -140,18 +208,22 @@ def found(name: str) -> Any:
     module, _, path = name.partition(":")
     if not module or not path:
         raise ParameterError(f"observe = {name!r}: must be a module and a name in it, such as 'my_module:spectral'")
-    try:
-        there = import_module(module)
-    except Exception as error:  # whatever the module does
-        why = f"{module} cannot be imported ({type(error).__name__}: {one_line(error)})"
-        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
-            why = f"there is no module {error.name}"
-        raise ParameterError(f"observe = {name!r}: {why}") from None
+    there = _imported(module, f"observe = {name!r}")
     for part in path.split("."):
         if not hasattr(there, part):
             raise ParameterError(f"observe = {name!r}: {module} has no {part}")
         there = getattr(there, part)
     return there
+
+
+def _imported(module: str, where: str) -> Any:
+    try:
+        return import_module(module)
+    except Exception as error:  # whatever the module does
+        why = f"{module} cannot be imported ({type(error).__name__}: {one_line(error)})"
+        if isinstance(error, ModuleNotFoundError) and f"{module}.".startswith(f"{error.name}."):
+            why = f"there is no module {error.name}"
+        raise ParameterError(f"{where}: {why}") from None
 
 
 def _shown(given: Any) -> str:
@@ -174,11 +246,11 @@ def _taken_apart(given: Any) -> tuple[Any, dict[str, Any]]:
     if is_dataclass(given) and not isinstance(given, type):
         given, arguments = type(given), {each.name: getattr(given, each.name) for each in fields(given)}
     shown = f"observe = {_shown(given)}"
-    if not hasattr(given, DECLARED):
-        cure = 'mark it with @dimersweep.observer(name={"units": ..., "long_name": ...})'
-        raise ParameterError(f"{shown}: declares nothing; {cure}")
-    if not isinstance(given, FunctionType | type):
-        raise ParameterError(f"{shown}: must be a function or an instance of a dataclass")
+    declared = getattr(given, "__dict__", {}).get(DECLARED)
+    # that of a base, or of what it wraps, tells of another text
+    if declared is None or declared is getattr(getattr(given, "__wrapped__", None), DECLARED, None):
+        cure = '@dimersweep.observer(name={"units": ..., "long_name": ...})'
+        raise ParameterError(f"{shown}: declares nothing; mark a function or a dataclass, above all else, with {cure}")
     if isinstance(given, type) and not (is_dataclass(given) and "__call__" in vars(given)):
         raise ParameterError(f"{shown}: must be a dataclass with a __call__")
     for name, value in arguments.items():
@@ -205,10 +277,10 @@ class OwnObserver(Observer):
         Such as ``my_module:spectral``.
     arguments : dict
     code : str
-        See `code_of`.
+        See `Declared`.
     declared : tuple of Field
-    how : RunSettings, optional
-        Of the runs that it looks at, where these are not those of the study.
+    how : RunSettings
+        Of the runs that it looks at.
     base : function or class, optional
         What has that name; None in another process, which looks for it.
     """
@@ -219,7 +291,7 @@ class OwnObserver(Observer):
     arguments: dict[str, Any]
     code: str
     declared: tuple[Field, ...]
-    how: RunSettings | None
+    how: RunSettings
     base: Any
 
     @property
@@ -246,9 +318,20 @@ class OwnObserver(Observer):
         return found(self.name) if self.base is None else self.base
 
     def check_here(self) -> None:
-        """See `Observer`."""
-        if self.base is None and _code(self.here) != self.code:
-            raise ParameterError(f"observe = {self.name!r}: is another version here; give all workers the same module")
+        """See `Observer`; what a module calls is that of its latest import."""
+        try:
+            there = found(self.name)
+        except ParameterError:
+            there = self.here  # it goes to other processes as it is
+        told = getattr(there, DECLARED, getattr(self.base, DECLARED, None))
+        if (
+            told is None
+            or told.code != self.code
+            or any(_text_of(_module(name)) != text for name, text in told.depends.items())
+        ):
+            raise ParameterError(
+                f"observe = {self.name!r}: is another version here; import all of it anew, and give all workers the same files"
+            )
 
     def failed(self, result: np.void, error: Exception) -> None:
         """Note that it has failed at a point; other points do not suffer."""
@@ -258,7 +341,7 @@ class OwnObserver(Observer):
 
     def observe(self, ran: Ran, space: Workspace) -> None:
         """See `Observer`."""
-        how, here = self.how or ran.how, self.here
+        how, here = self.how, self.here
         call = here(**self.arguments) if isinstance(here, type) else partial(here, **self.arguments)
         for row, result in zip(ran.rows, ran.results, strict=True):
             if result["codes"][CODE_STATUS] != OK:
@@ -291,10 +374,6 @@ class OwnObserver(Observer):
         return told
 
 
-def _code(base: Any) -> str:
-    return code_of(base, getattr(base, DECLARED, ()))
-
-
 def own_of(
     observe: Any,
     points: int,
@@ -303,7 +382,6 @@ def own_of(
     others: Iterable[Observer] = (),
     axes: Iterable[str] = (),
     arguments: Mapping[str, Any] | None = None,
-    again: RunSettings | None = None,
 ) -> tuple[OwnObserver, ...]:
     """The observer that a user gives, checked; none for None.
 
@@ -313,15 +391,13 @@ def own_of(
         What `observer` has marked; or where it stands, such as ``my_module:spectral``.
     points : int
     how : RunSettings
-        Of the study.
+        Of the runs that it looks at.
     others : iterable of Observer
         What else is known of each point.
     axes : iterable of str
         Dimensions of the cube.
     arguments : mapping, optional
         What it is given by name.
-    again : RunSettings, optional
-        Of the runs that it looks at, where these are not those of the study.
 
     Raises
     ------
@@ -338,8 +414,8 @@ def own_of(
         except TypeError as error:
             raise ParameterError(f"observe = {observe!r}: {one_line(error)}") from None
     base, known = _taken_apart(given)
-    check_recorded((again or how).max_periods, RECORDED)
-    declared = getattr(base, DECLARED)
+    check_recorded(how.max_periods, RECORDED)
+    declared, code, _ = getattr(base, DECLARED)
     _check_names(declared, [each for other in others for each in other.fields], axes)
     numbers = sum(each.size for each in declared if each.along)
     if points * numbers > MAX_NUMBERS:
@@ -347,7 +423,7 @@ def own_of(
             f"observe: {points} points with {numbers} numbers in arrays; one cube may hold {MAX_NUMBERS} of them"
         )
     name = f"{base.__module__}:{base.__qualname__}"
-    return (OwnObserver(name, known, code_of(base, declared), declared, again, base),)
+    return (OwnObserver(name, known, code, declared, how, base),)
 
 
 def _check_names(declared: Iterable[Field], others: Iterable[Field], axes: Iterable[str]) -> None:

@@ -254,9 +254,7 @@ def study_of(
     observers += [] if paths is None else [paths_of(others.size, **paths)]
     question, settings = Question(over, whole.axes[over], ask, MODES.index(mode)), run_settings(**how)
     seen: dict[str, Any] = {"others": observers, "axes": (*whole.axes, "outcome"), "arguments": observe_with}
-    if orbit_periods:
-        seen["again"] = exactly(orbit_periods, settings.rtol)
-    own = own_of(observe, others.size, settings, **seen)
+    own = own_of(observe, others.size, exactly(orbit_periods, settings.rtol) if orbit_periods else settings, **seen)
     return Search(grid=others, how=settings, observers=(*observers, *own), question=question)
 
 
