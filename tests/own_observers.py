@@ -81,6 +81,18 @@ def counted(run):
     return {"last": run.n_periods}
 
 
+@observer(stop_when_settled=True, last={"units": "1", "long_name": "number of the last period"})
+def stopped(run):
+    """One that is content with a run as far as it was made."""
+    return {"last": run.n_periods}
+
+
+@observer(spans={"units": "m", "long_name": "greatest gap of p2 in the first second"})
+def fixed_time(run):
+    """Looks at a time that not every run reaches which stops when it has settled."""
+    return {"spans": run.states(np.linspace(0, 1, 40))["gap_2"].max()}
+
+
 def bare(run):
     """Without a declaration."""
     return {}

@@ -30,7 +30,7 @@ from dimersweep.studies.declared import from_cube
 from dimersweep.studies.planning import plan
 from dimersweep.studies.sweep import study_of
 from tests import own_observers
-from tests.own_observers import Scaled, counted, misshapen, spectral, turned
+from tests.own_observers import Scaled, counted, fixed_time, misshapen, spectral, stopped, turned
 
 pytestmark = [pytest.mark.jit, pytest.mark.usefixtures("empty_folder")]
 
@@ -67,7 +67,7 @@ def test_what_it_gives_stands_in_the_cube_with_its_labels(cube):
         point = cube.sel(Gamma=Gamma, beta0=beta0)
         run = simulate(Gamma=Gamma, beta0=beta0, periods=60, stop_when_settled=True)
         assert run.n_periods == point["n_periods"]
-        told = spectral(run)
+        told = spectral(run.go_on(60 - run.n_periods) if run.n_periods < 60 else run)
         assert told.get("peak", np.nan) == pytest.approx(point["peak"].item(), abs=0, nan_ok=True)
     drifts = cube["mode"].values == 3
     assert (cube["peak"].values[drifts] == 15).all(), "a drift repeats each forcing period"
@@ -87,6 +87,18 @@ def test_a_cube_is_read_as_it_was_written_and_damage_is_seen(cube, tmp_path):
     changed.to_netcdf("changed.nc")
     with pytest.raises(StoreError, match="is damaged, or values were changed"):
         open_cube("changed.nc")
+
+
+def test_a_run_has_its_whole_length_though_the_sweep_stops_when_it_has_settled(plain):
+    made = sweep(GRID, observe=fixed_time, **QUIET)
+    assert (names(made["status"]) == "ok").all() and made["n_periods"].min() < 15
+    at_once = sweep(GRID, observe=fixed_time, stop_when_settled=False, **QUIET)
+    np.testing.assert_array_equal(made["spans"], at_once["spans"])
+    assert (sweep(GRID, observe=counted, **QUIET)["last"] == 60).all()
+    short = sweep(GRID, observe=stopped, **QUIET)
+    assert (short["last"] == short["n_periods"]).all() and short["n_periods"].equals(plain["n_periods"])
+    patient = sweep({"Gamma": [0.9]}, observe=counted, periods=20, max_periods=160, progress=False)
+    assert patient["last"] == patient["n_periods"] > 20
 
 
 def test_arguments_are_part_of_what_it_is():
@@ -135,7 +147,7 @@ from dimersweep import observer
 FACTOR = {factor}
 def scaled(n):
     return FACTOR * n
-@observer(events={{"units": "1", "long_name": "events"}})
+@observer(stop_when_settled=True, events={{"units": "1", "long_name": "events"}})
 def f(run):
     return {{"events": scaled(run.n_events)}}
 """
@@ -232,10 +244,11 @@ def test_loops_tell_it_next_to_their_ends():
     found = loops(made)
     low = np.searchsorted(values, found["low"].values[0])
     inside = made.sel(direction=1).isel(Gamma=low)
-    assert found["last_down_low"].values[0] == inside["n_periods"] == inside["last"]
+    assert found["last_down_low"].values[0] == inside["last"] == 100
     up = sweep({"Gamma": values[:3]}, periods=100, carry="up", observe=turned, progress=False)
     run = up.dimersweep.run(Gamma=values[2], direction="up")
-    assert up["turned"].values[0, 2] == turned(run)["turned"], "from the state that was carried"
+    whole = run.go_on(100 - run.n_periods)
+    assert up["turned"].values[0, 2] == turned(whole)["turned"], "from the state that was carried"
 
 
 def test_attractors_have_it_for_each_start():

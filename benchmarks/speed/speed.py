@@ -126,7 +126,13 @@ def sampled(run):
     return {"events": run.n_events}
 
 
-OBSERVERS = {"looks at no state": bare, "takes 128 states": sampled}
+@observer(stop_when_settled=True, events={"units": "1", "long_name": "events of the run"})
+def stopped(run):
+    """An observer that is content with the run as far as it was made."""
+    return {"events": run.n_events}
+
+
+OBSERVERS = {"looks at no state": bare, "takes 128 states": sampled, "content with a stopped run": stopped}
 
 
 def observer_ratios(repeats: int, periods: int, *, settle: bool) -> dict[str, np.ndarray]:

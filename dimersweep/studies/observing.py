@@ -17,13 +17,13 @@ import numpy as np
 
 from dimersweep.cubes.results import OBSERVER_FAILED, RESULT, Along, Field
 from dimersweep.errors import ParameterError, one_line, unknown
-from dimersweep.inputs import as_number, as_numbers, check_count
+from dimersweep.inputs import as_number, as_numbers, check_count, check_switch
 from dimersweep.kernel.batch import Workspace, is_stopped
-from dimersweep.kernel.model.layout import CODE_STATUS, OK
+from dimersweep.kernel.model.layout import CODE_N_EVENTS, CODE_N_PERIODS, CODE_STATUS, OK
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import as_run
-from dimersweep.runs.solving import RunSettings, check_recorded, run_row
+from dimersweep.runs.solving import RunSettings, check_recorded, exactly, go_on, run_row
 from dimersweep.studies.observers import MAX_NUMBERS, Observer, Ran
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 
@@ -36,18 +36,25 @@ F = TypeVar("F")
 
 
 class Declared(NamedTuple):
-    """What `observer` has noted: the variables, the version or a checksum of the text, and the texts of other modules."""
+    """What `observer` has noted: the variables, the version or a checksum of the text, the texts of other modules, and whether
+    a run that was stopped is enough.
+    """
 
     variables: tuple[Field, ...]
     code: str
     depends: Mapping[str, str]
+    settles: bool
 
 
 # --- what an observer declares ------------------------------------------------------------------------------------------
 
 
 def observer(
-    *, version: str | int | None = None, depends: Any = (), **variables: Mapping[str, Any]
+    *,
+    version: str | int | None = None,
+    depends: Any = (),
+    stop_when_settled: bool = False,
+    **variables: Mapping[str, Any],
 ) -> Callable[[F], F]:
     """Declare what a function makes of each run of a sweep: ``sweep(..., observe=f)``; see docs/observers.md.
 
@@ -57,6 +64,8 @@ def observer(
         What tells it from another version of it, in place of the text of its file.
     depends : sequence of str or module, optional
         Modules whose text counts, too.
+    stop_when_settled : bool
+        Whether a run that was stopped when its motion had settled is enough; else the rest of its periods is made, too.
     **variables : mapping
         For each name that the function gives: `units` ("1" if none), `long_name`, and for an array of one dimension `along`, a
         mapping with the `name` of the dimension, its `values` or their number, and perhaps their `units` and `long_name`.
@@ -91,6 +100,7 @@ def observer(
         raise ParameterError(f"observer: version = {reprlib.repr(version)}: must be a text or a whole number")
     if version is not None and depends:
         raise ParameterError("observer: version: stands in place of the text of all files; give it without depends")
+    settles = check_switch("observer: stop_when_settled", stop_when_settled)
     declared = tuple(_field(name, told) for name, told in variables.items())
     modules = map(_module, depends if isinstance(depends, list | tuple) else [depends])
     texts = {each.__name__: _text_of(each) for each in modules}
@@ -99,7 +109,7 @@ def observer(
         if not isinstance(function, FunctionType | type):
             raise ParameterError(f"observer: marks a function or a dataclass, and no {type(function).__name__}")
         code = _checksum(function, sys._getframe(1).f_code, declared, texts) if version is None else str(version)
-        setattr(function, DECLARED, Declared(declared, code, texts))
+        setattr(function, DECLARED, Declared(declared, code, texts, settles))
         return function
 
     return mark
@@ -173,9 +183,9 @@ def _text_of(what: CodeType | ModuleType) -> str:
     try:
         return "".join(inspect.findsource(what)[0])
     except (OSError, TypeError):
-        raise ParameterError(
-            f"observer: the text of {what!r} cannot be read; give version=, and change it with the code"
-        ) from None
+        name = what.__name__ if isinstance(what, ModuleType) else what.co_filename
+        cure = "give version=, and change it with the code"
+        raise ParameterError(f"observer: the text of {name} cannot be read; {cure}") from None
 
 
 def _module(given: str | ModuleType) -> Any:
@@ -280,7 +290,7 @@ class OwnObserver(Observer):
         See `Declared`.
     declared : tuple of Field
     how : RunSettings
-        Of the runs that it looks at.
+        Of the runs that it looks at; where they do not stop when settled, the rest of a run of the study that did is made, too.
     base : function or class, optional
         What has that name; None in another process, which looks for it.
     """
@@ -347,11 +357,16 @@ class OwnObserver(Observer):
             if result["codes"][CODE_STATUS] != OK:
                 continue
             solved = ran.solved or run_row(row, None, how, space, record=True)
+            start = None if solved.start is None else named_state(row, solved.start)
+            if not how.stop_when_settled and solved.codes[CODE_N_PERIODS] < how.periods and not is_stopped(space):
+                whole, events = exactly(how.periods, how.rtol), int(solved.codes[CODE_N_EVENTS])
+                solved = go_on(row, solved.end, events, solved.record, whole, space)
             if is_stopped(space):
                 return
-            start = None if solved.start is None else named_state(row, solved.start)
             run = as_run(Parameters(**ran.given or {}).given(), how.rtol, solved, start)
             try:
+                if run.status != "ok":
+                    raise RuntimeError(f"after it had settled, the run ended in period {run.n_periods}: {run.message}")
                 for name, values in self._checked(call(run)).items():
                     result[name] = values
             except MemoryError:
@@ -415,7 +430,8 @@ def own_of(
             raise ParameterError(f"observe = {observe!r}: {one_line(error)}") from None
     base, known = _taken_apart(given)
     check_recorded(how.max_periods, RECORDED)
-    declared, code, _ = getattr(base, DECLARED)
+    declared, code, _, settles = getattr(base, DECLARED)
+    how = how._replace(stop_when_settled=how.stop_when_settled and settles)
     _check_names(declared, [each for other in others for each in other.fields], axes)
     numbers = sum(each.size for each in declared if each.along)
     if points * numbers > MAX_NUMBERS:
