@@ -33,7 +33,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.steps import copy
-from dimersweep.kernel.record import EVENT_COUNT, clear_counts, no_record, of_run, without_rows
+from dimersweep.kernel.record import EVENT_COUNT, clear_counts, no_record, without_rows
 from dimersweep.kernel.verdict.classify import clear_outcome, verdict
 from dimersweep.kernel.verdict.past import begin_past
 from dimersweep.kernel.verdict.settling import change
@@ -69,7 +69,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
     space : Workspace
         Scratch arrays; ``stop`` ends what runs on them.
     record : Record
-        Filled in place where it has rows, and strobes, of which each run has its share.
+        Filled in place where it has rows.
 
     Returns
     -------
@@ -84,8 +84,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
         set_dimer(rows[k], dm)
         begin_run(dm, rows[k], starts, k, run)
         path = ask.path or dm.sideways != 0.0  # where the heading counts, the verdict on the track takes it
-        mine = of_run(record, k, rows.shape[0])
-        run_to_verdict(dm, Ask(ask.periods, ask.rtol, ask.close, ask.settle, path), run, mine, outcome, code)
+        run_to_verdict(dm, Ask(ask.periods, ask.rtol, ask.close, ask.settle, path), run, record, outcome, code)
         status = OK
         if code.mode == M_UNRESOLVED and ask.periods >= EVIDENCE:
             twin = motion_of(space.twin_state, space.twin_modes, space.later_past, space)
@@ -183,10 +182,10 @@ def is_stopped(space: Workspace) -> bool:
     return bool(space.work.meter[0].stop)
 
 
-def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace | None = None, strobes=None) -> int:
+def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace | None = None) -> int:
     """Verdicts of many runs, unrecorded: ``run_rows``, with scratch arrays of its own unless some are given."""
     ask, nowhere = ask_for(periods, rtol, settle), np.zeros((0, N_START))
-    return run_rows(rows, nowhere, ask, until, out, codes, space or new_workspace(), no_record(strobes))
+    return run_rows(rows, nowhere, ask, until, out, codes, space or new_workspace(), no_record())
 
 
 def run_recorded(row, ask, out, codes, record, space: Workspace | None = None, start=None) -> None:

@@ -30,7 +30,6 @@ from dimersweep.kernel.record import (
     note_contact,
     note_event,
     note_impact_phases,
-    note_period_end,
     note_segment,
 )
 from dimersweep.kernel.smooth_motion import no_slip, rests_for_good
@@ -256,7 +255,6 @@ def end_period(dm, ask, motion, record):
     if not isfinite(state[DIP] + state[D1] + state[D2] + state[N1] + state[N2] + state[CA] + state[CB]):
         course.status = layout.NOT_FINITE
         return
-    note_period_end(dm, record, state)
     note_period(dm, state, modes, motion.past[0])
     course.contact_is_set = modes[0] != layout.FREE or modes[1] != layout.FREE
     if course.contact_is_set:  # by the slip that the row of the phase has

@@ -7,27 +7,9 @@ import numpy as np
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.coordinates import Y
 from dimersweep.kernel.energy import Book, new_book
-from dimersweep.kernel.model.body import attitude, contact_velocity
+from dimersweep.kernel.model.body import contact_velocity
 from dimersweep.kernel.model.event_row import E_KIND, N_EVENT, write_moment, write_phase
-from dimersweep.kernel.model.layout import (
-    C_CHATTER_END,
-    C_IMPACT,
-    C_SLIP,
-    C_STICK,
-    CA,
-    CB,
-    D1,
-    D2,
-    DIP,
-    N1,
-    N2,
-    N_STATE,
-    PERIOD,
-    SPIN,
-    THETA,
-    WB,
-    WP,
-)
+from dimersweep.kernel.model.layout import C_CHATTER_END, C_IMPACT, C_SLIP, C_STICK, CB, N1, N_STATE
 from dimersweep.kernel.numerics.steps import copy
 
 # columns of a segment: the state, the friction modes of the phase that starts from it; where the close of a chatter leads to
@@ -40,13 +22,6 @@ N_SEGMENT = SEGMENT_SLIP + 2
 EVENT_COUNT, EVENT_ROWS, SEGMENT_ROWS = range(3)
 N_COUNTS = 3
 PHASES = 64  # of one impact that are kept
-# what is kept of the end of a forcing period, gaps, angles and their rates as ``Run.states`` has them: the number of forcing
-# periods so far, the axial spin, and the velocity of the centre of mass along the axis from p1 to p2, and across it
-STROBE = (
-    *("n", "gap_1", "gap_2", "gap_1_rate", "gap_2_rate", "beta", "beta_rate", "theta", "theta_rate", "spin"),
-    *("velocity_along", "velocity_across"),
-)
-N_STROBE = len(STROBE)
 
 
 class Record(NamedTuple):
@@ -56,25 +31,18 @@ class Record(NamedTuple):
     events: Any  # shape (n, N_EVENT)
     segments: Any  # shape (n, N_SEGMENT)
     counts: Any  # shape (N_COUNTS,), int64
-    strobes: Any  # of the ends of forcing periods, shape (n, N_STROBE), wanted apart from all else
     book: Book  # the works of the forces beside it
-
-
-def new_strobes(n: int) -> np.ndarray:
-    """Room for the strobes of so many forcing periods; what is not written to means nothing."""
-    return np.empty((n, N_STROBE))
 
 
 def new_record(rows: int, phases: int = PHASES, *, works: bool = False) -> Record:
     """An empty record with room for so many events, as many smooth phases, and so many phases of one impact."""
     log, counts, book = np.zeros((phases, N_EVENT)), np.zeros(N_COUNTS, np.int64), new_book(rows if works else 0)
-    return Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts, new_strobes(0), book)
+    return Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts, book)
 
 
-def no_record(strobes: np.ndarray | None = None) -> Record:
-    """A record that keeps nothing but the counts, and strobes if there is room for them."""
-    record = new_record(0, 0)
-    return record if strobes is None else record._replace(strobes=strobes)
+def no_record() -> Record:
+    """A record that keeps nothing but the counts."""
+    return new_record(0, 0)
 
 
 def rows_of(record: Record) -> tuple[np.ndarray, np.ndarray]:
@@ -92,15 +60,7 @@ def without_rows(record):
     """A record that keeps nothing, with the same counts."""
     book = record.book
     none = Book(book.smooth[:0], book.flows[:0], book.ends[:0], book.struck[:0], book.leads[:0])
-    return Record(record.log[:0], record.events[:0], record.segments[:0], record.counts, record.strobes[:0], none)
-
-
-@compiled(inline=True)
-def of_run(record, k, runs):
-    """The record of the k-th of some runs, each of which has its share of the strobes."""
-    n = record.strobes.shape[0] // runs
-    own = record.strobes[k * n : (k + 1) * n]
-    return Record(record.log, record.events, record.segments, record.counts, own, record.book)
+    return Record(record.log[:0], record.events[:0], record.segments[:0], record.counts, none)
 
 
 @compiled
@@ -168,23 +128,6 @@ def note_segment(record, motion, hop_time):
         for k in range(N1, CB + 1):
             row[BEFORE + k - N1] = motion.before[k]
         row[SEGMENT_SLIP], row[SEGMENT_SLIP + 1] = motion.contact[Y.u_a], motion.contact[Y.u_b]
-
-
-@compiled
-def note_period_end(dm, record, state):
-    """Write the state at the end of a forcing period, where there is room for it."""
-    n = int(state[PERIOD])
-    if n > record.strobes.shape[0]:
-        return
-    row = record.strobes[n - 1]
-    row[0], row[1], row[2], row[3], row[4] = state[PERIOD], state[D1], state[D2], state[N1], state[N2]
-    row[5], row[6], row[7], row[8] = (
-        dm.beta_0 + state[DIP],
-        state[WB],
-        state[THETA],
-        state[WP] / attitude(dm, state[DIP])[1],
-    )
-    row[9], row[10], row[11] = state[SPIN], state[CA], state[CB]
 
 
 @compiled(inline=True)
