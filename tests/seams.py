@@ -1,13 +1,29 @@
 """What tests replace inside the package, each in one place: a renaming there is mended here.
 
-The kernel that studies call, that which is proven before, the compiling, the lengths and the clock of their tasks, the chunks
-of cubes above memory, the version of the kernel, and the end of a process.
+The kernel that studies call, that which is proven before, where the runs of the kernel are stopped, the compiling, the lengths
+and the clock of their tasks, the chunks of cubes above memory, the version of the kernel, and the end of a process.
 """
 
 import sys
+from time import sleep
 
+import numpy as np
 import pytest
 
+from dimersweep.kernel.batch import is_stopped
+from dimersweep.kernel.model.event_row import E_PERIOD, E_PHASE
+from dimersweep.kernel.model.layout import (
+    CODE_MODE,
+    CODE_N_EVENTS,
+    CODE_N_PERIODS,
+    CODE_STATUS,
+    M_FAILED,
+    PERIOD,
+    PHASE,
+    STOPPED,
+)
+from dimersweep.kernel.record import EVENT_ROWS, SEGMENT_ROWS
+from dimersweep.runs import solving
 from dimersweep.work.proving import proof
 from dimersweep.work.scheduling import IN_FLIGHT
 from dimersweep.work.tiles import TILE_SECONDS
@@ -36,6 +52,44 @@ def no_work(patch):
     """Fail where a point or a run is made."""
     for kernel in ("run_many", "run_recorded"):
         patch.setattr(f"dimersweep.runs.solving.{kernel}", lambda *_, **__: pytest.fail("work was done"))
+
+
+def cut_back(record, phases):
+    """Leave in a record what a run has written that was stopped in its smooth phase of this number, 0 for before the first."""
+    begun = record.segments[phases - 1]
+    noted = record.events[: record.counts[EVENT_ROWS]]
+    later = (noted[:, E_PERIOD] > begun[PERIOD]) | (
+        (noted[:, E_PERIOD] == begun[PERIOD]) & (noted[:, E_PHASE] > begun[PHASE])
+    )
+    record.counts[EVENT_ROWS], record.counts[SEGMENT_ROWS] = (~later).sum() if phases else 0, phases
+
+
+def stop_runs(patch, phases):
+    """Stop each recorded run, as the end of its time would, in its smooth phase of this number; 0: before the first event."""
+    run_recorded = solving.run_recorded
+
+    def stopped(row, ask, out, codes, record, space=None, start=None):
+        run_recorded(row, ask, out, codes, record, space, start)
+        if len(record.segments):
+            cut_back(record, phases)
+            out[:], codes[:] = np.nan, 0
+            codes[0, CODE_STATUS], codes[0, CODE_MODE] = STOPPED, M_FAILED
+            codes[0, CODE_N_PERIODS] = record.segments[phases - 1, PERIOD] if phases else 0
+            codes[0, CODE_N_EVENTS] = record.counts[EVENT_ROWS]
+
+    patch.setattr(solving, "run_recorded", stopped)
+
+
+def begin_when_stopped(patch):
+    """Let recorded runs begin when they have been stopped, however fast the machine is."""
+    run_recorded = solving.run_recorded
+
+    def late(row, ask, out, codes, record, space=None, start=None):
+        while not is_stopped(space):
+            sleep(1e-3)
+        run_recorded(row, ask, out, codes, record, space, start)
+
+    patch.setattr(solving, "run_recorded", late)
 
 
 def prove_with(patch, run_many):

@@ -980,16 +980,10 @@ def test_a_fit_that_is_exact_or_open_is_drawn(covariance):
 @pytest.mark.jit
 @pytest.mark.parametrize(
     "scene",
-    [{"Gamma": 0.0, "xdot0": 0.0, "beta0": 0.0}, {"Gamma": 0.5}, {"Gamma": 3.0}, {"max_seconds": 1e-9, "periods": 500}],
+    [{"Gamma": 0.0, "xdot0": 0.0, "beta0": 0.0}, {"Gamma": 0.5}, {"Gamma": 3.0}],
 )
 def test_a_run_of_next_to_nothing_is_drawn(scene, tmp_path):
-    run = dimersweep.simulate(**({"periods": 1} | scene))
-    if not run.n_periods:
-        with pytest.raises(
-            ParameterError, match=r"^states: there are none, the run ended before its first smooth phase"
-        ):
-            run_figure(run)
-        return
+    run = dimersweep.simulate(periods=1, **scene)
     drawn(run_figure(run))
     axes = Figure().subplots()
     energy_budget(axes, run)

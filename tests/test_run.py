@@ -4,24 +4,29 @@ import copy
 import dataclasses
 import json
 import os
+import re
+from functools import partial
 from itertools import pairwise
 from math import pi
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import dimersweep
-from dimersweep import load_run, names, simulate
+from dimersweep import load_run, lyapunov, multipliers, names, simulate
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.contact_code import CONTACT_STATES
 from dimersweep.kernel.model.event_row import E_CAUSE, E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import C_CHATTER_END, OUT, PERIOD, PHASE
 from dimersweep.kernel.record import SEGMENT_HOP_TIME
+from dimersweep.plots import energy_budget, last_cycle
 from dimersweep.runs import run as run_module
 from dimersweep.runs import solving
 from dimersweep.runs.recorded import events_of
 from tests.checks.scenes import SCALE, UNITS, engine_states, started_scene
+from tests.seams import begin_when_stopped, stop_runs
 
 SHARED = Path(os.environ.get("DIMERSWEEP_SHARED", Path(__file__).parents[2] / "shared")) / "reference"
 REFERENCE = {name: SHARED / f"{name}.json" for name in ("states", "orbits")}
@@ -306,20 +311,67 @@ def test_a_record_is_bounded_and_says_where_it_is_cut(monkeypatch):
         cut.error()
 
 
-def test_a_run_that_is_stopped_is_recorded_up_to_there():
-    run = simulate(periods=3000, max_seconds=1e-3)
-    whole = simulate(periods=run.n_periods + 1)
-    if run.status == "ok":  # on a very fast machine
-        assert run.n_periods == 3000
-        return
+def test_a_run_whose_time_is_up_is_stopped(monkeypatch):
+    begin_when_stopped(monkeypatch)
+    run = simulate(periods=3, max_seconds=1e-9)
+    assert (run.status, run.mode, run.orbit, run.n_events, run.n_periods) == ("stopped", "failed", None, 0, 0)
+
+
+# before the first event, in the first smooth phase, in those after it, in a chatter, in the second and the third period
+STOPS = {"base": [0, 1, 8, 13, 30], "rest": [1, 13], "jumps": [0, 2, 3, 9]}
+SCENES = {"base": {}, "rest": {"Gamma": 0.5, "xdot0": 0.0, "beta0": 0.0}, "jumps": {"Gamma": 3.0}}
+
+
+@pytest.mark.parametrize(("scene", "phases"), [(scene, phases) for scene in STOPS for phases in STOPS[scene]])
+def test_a_run_that_is_stopped_is_recorded_up_to_there(scene, phases, monkeypatch):
+    whole = simulate(periods=3, **SCENES[scene])
+    stop_runs(monkeypatch, phases)
+    run = simulate(periods=3, **SCENES[scene])
     assert (run.status, run.mode, run.orbit) == ("stopped", "failed", None)
+    assert "stopped" in repr(run) and "stopped from outside" in run._repr_html_()
     rows = run.events.sizes["event"]
     assert run.events.equals(whole.events.isel(event=slice(rows)))
-    if rows == 0:  # on a machine that does something else for a millisecond
-        with pytest.raises(ParameterError, match="stopped"):
-            run.states(0.0)
+    ended = "the run did not reach its end (the run was stopped from outside"
+    for refused in (run.error, partial(run.go_on, 1), partial(multipliers, run), partial(lyapunov, run)):
+        with pytest.raises(ParameterError, match=re.escape(ended)):
+            refused()
+    monkeypatch.undo()
+    if not phases:
+        for part in (partial(run.states, 0.0), run.section, run.energy, partial(simulate, start=run)):
+            with pytest.raises(
+                ParameterError, match=r"none, the run ended before its first smooth phase \(the run was st"
+            ):
+                part()
     else:
         assert run.states(0.0).identical(whole.states(0.0))
+        assert run.section().sizes["n"] == run.n_periods + 1
+        assert simulate(start=run, periods=1).status == "ok"
+    if phases > 1:
+        assert run.energy().sizes["n"] == run.n_periods
+        parts = run.energy("event").sizes["part"]
+        assert run.energy("event").drop_attrs().equals(whole.energy("event").isel(part=slice(parts)).drop_attrs())
+
+
+@pytest.mark.parametrize(("scene", "phases"), [(scene, phases) for scene in STOPS for phases in STOPS[scene]])
+def test_a_run_that_is_stopped_is_kept_and_shown_or_says_that_there_is_nothing_to_show(
+    scene, phases, monkeypatch, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    stop_runs(monkeypatch, phases)
+    run = simulate(periods=3, **SCENES[scene])
+    again = load_run(run.save("run.nc"))
+    assert again.events.identical(run.events) and (again.status, again.n_events) == (run.status, run.n_events)
+    shown = {"plot": run.plot, "view": run.view, "animate": partial(run.animate, "run.gif", periods=1, fps=4, dpi=20)}
+    shown |= {"energy_budget": partial(energy_budget, Figure().subplots(), run), "last_cycle": partial(last_cycle, run)}
+    for name, draw in shown.items():
+        if run.n_periods:
+            draw()
+        else:
+            line = (
+                f"{name}: there is nothing to show, the run ended before a forcing period (the run was stopped from o"
+            )
+            with pytest.raises(ParameterError, match=f"^{re.escape(line)}"):
+                draw()
 
 
 def test_a_chatter_that_has_not_ended_where_a_record_ends_has_no_row(base):

@@ -5,6 +5,7 @@ from typing import Any, Protocol
 
 import xarray as xr
 
+from dimersweep.errors import ParameterError
 from dimersweep.symbols import DI_END_MEANINGS, MODE_MEANINGS, MOTIONS_PAGE, TRACK_MEANINGS
 
 
@@ -42,6 +43,15 @@ class SeenRun(Protocol):
     def states(self, t: Any) -> xr.Dataset: ...
     def energy(self, by: Any = ...) -> xr.Dataset: ...
     def section(self, at: Any = ..., *, phase: Any = None) -> xr.Dataset: ...
+
+
+def check_shown(run: SeenRun, wanted: str) -> None:
+    """Raise `ParameterError` if a run was not recorded, or ended within its first forcing period: there is nothing to show."""
+    run.record(wanted)
+    if not run.n_periods:
+        raise ParameterError(
+            f"{wanted}: there is nothing to show, the run ended before a forcing period ({run.message})"
+        )
 
 
 def meanings(run: SeenRun) -> dict[str, str]:

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.seen_run import SeenRun
+from dimersweep.cubes.seen_run import SeenRun, check_shown
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count
 from dimersweep.parameters import dimer_from
@@ -81,11 +81,7 @@ def playback_of(
     ------
     ParameterError
     """
-    run.record("animate")
-    if not run.n_periods:
-        raise ParameterError(
-            f"animate: there is nothing to show, the run ended before a forcing period ({run.message})"
-        )
+    check_shown(run, "animate")
     periods, fps, speed = check_count("periods", periods), check_count("fps", fps), as_number("speed", speed)
     if speed <= 0:
         raise ParameterError(f"speed = {speed}: must be > 0")

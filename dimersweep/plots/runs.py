@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from dimersweep.cubes.cube import names
-from dimersweep.cubes.seen_run import SeenRun
+from dimersweep.cubes.seen_run import SeenRun, check_shown
 from dimersweep.parameters import dimer_from
 from dimersweep.plots.style import MODE_COLORS, Look, beyond_round_off, board, ink
 from dimersweep.symbols import STATE_QUANTITIES
@@ -44,6 +44,7 @@ def last_cycle(run: SeenRun) -> tuple[float, float]:
     >>> round(15 * float(stop - start), 6)
     1.0
     """
+    check_shown(run, "last_cycle")
     end, cycle = run.n_periods / run.parameters["f"], max(1, run.mode_period) / run.parameters["f"]
     times = run.events["time"].values[names(run.events["kind"]).str.startswith("DI")]
     recent = times.size > 0 and times[-1] >= end - cycle
@@ -219,6 +220,7 @@ def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
     >>> plots.orbit(figure.subplots(), run)
     >>> figure.savefig("orbit.png")
     """
+    check_shown(run, "plot")
     end = run.n_periods / run.parameters["f"]
     states = run.states(np.linspace(0.0, end, min(40 * run.n_periods, 40_000) + 1))
     x, y = states["x"].values, states["y"].values
@@ -252,12 +254,18 @@ def run_figure(run: SeenRun, periods: int = 4, **look: Unpack[Look]) -> Figure:
     -------
     matplotlib.figure.Figure
 
+    Raises
+    ------
+    ParameterError
+        If nothing was recorded, or the run ended before a forcing period.
+
     Examples
     --------
     >>> from dimersweep import plots, simulate
     >>> run = simulate(periods=60)
     >>> plots.run_figure(run).savefig("run.png")
     """
+    check_shown(run, "plot")
     end, f = run.n_periods / run.parameters["f"], run.parameters["f"]
     heading = f"{run.mode} after {run.n_periods} periods: {run.conditions(tex=True)}"
     drawn, panels = board(look, (11, 7), heading, mosaic=[["heights", "heights", "orbit"], [*ANGLES]])
@@ -308,7 +316,7 @@ def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
     Raises
     ------
     ParameterError
-        If nothing was recorded.
+        If nothing was recorded, or the run ended before a forcing period.
 
     Examples
     --------
@@ -317,6 +325,7 @@ def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
     >>> figure = Figure()
     >>> plots.energy_budget(figure.subplots(), simulate(periods=60))
     """
+    check_shown(run, "energy_budget")
     budget, f = run.energy("event"), run.parameters["f"]
     count = min(periods, run.n_periods)
     late = budget.isel(part=np.flatnonzero(budget["time"].values >= (run.n_periods - count) / f * (1 - 1e-12)))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dimersweep.cubes.seen_run import SeenRun, meanings
+from dimersweep.cubes.seen_run import SeenRun, check_shown, meanings
 from dimersweep.inputs import check_count, number
 from dimersweep.parameters import reduced
 from dimersweep.plots.playback import BALLS, MARKS, MOST_FRAMES, ROD, Playback, frames, playback_of
@@ -38,6 +38,7 @@ class View:
 
 def stretch_of(run: SeenRun, periods: int, *, last: bool) -> Playback:
     """The stretch of a run that a page shows, in as many frames as its curves need."""
+    check_shown(run, "view")
     pace = min(FRAMES_A_PERIOD, MOST_FRAMES // check_count("periods", periods)) * run.parameters["f"]
     return playback_of(run, periods, 1.0, max(1, int(pace)), last=last)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.seen_run import meanings
+from dimersweep.cubes.seen_run import check_shown, meanings
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, as_numbers, check_count
 from dimersweep.kernel.batch import Workspace
@@ -423,7 +423,7 @@ class Run(RunNumbers):
         Raises
         ------
         ParameterError, StoreError
-            If nothing was recorded, or the picture cannot be written.
+            If nothing was recorded, the run ended before a forcing period, or the picture cannot be written.
 
         Examples
         --------
@@ -434,7 +434,7 @@ class Run(RunNumbers):
         """
         from dimersweep.plots import check_picture, run_figure, write_picture
 
-        self.record("plot")
+        check_shown(self, "plot")
         if path is not None:
             check_picture(path, force=force, name="picture")
         figure = run_figure(self, **look)
@@ -482,7 +482,7 @@ class Run(RunNumbers):
         Raises
         ------
         ParameterError
-            If nothing was recorded, or the movie would be too long.
+            If nothing was recorded, the run ended before a forcing period, or the movie would be too long.
         StoreError
             If the file cannot be written, or what it needs is not installed.
 

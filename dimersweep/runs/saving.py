@@ -60,7 +60,8 @@ def _as_dataset(fields: Mapping[str, Any], events: xr.Dataset) -> xr.Dataset:
         raise StoreError("save: the run has no end; it was not made by simulate")
     arrays = {"end_start": end.start, "end_past": end.past}
     if record is not None:
-        arrays |= {"event_rows": record.events, "segment_rows": record.segments}
+        # without a last row that is no event: the end of a chatter that the record does not reach (`recorded.events_of`)
+        arrays |= {"event_rows": record.events[: events.sizes["event"]], "segment_rows": record.segments}
     variables = {
         name: xr.Variable(ROWS[name][0], values, {"long_name": ROWS[name][1]}) for name, values in arrays.items()
     }
