@@ -91,6 +91,19 @@ def test_the_error_of_an_orbit_is_that_to_a_much_finer_run():
     assert orbit_difference(phase, after) == pytest.approx([0.02])
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_straight_path_has_an_error_of_what_it_has():
+    """It has no radius and no period, and does not turn: with `xdot0` = 0 its precession rate is 0."""
+    cube = dimersweep.sweep({"beta0": [0.2, 0.3]}, {"xdot0": 0.0}, **SETTINGS, certify=True)
+    assert names(cube["mode"]).values.tolist() == ["rest", "drift"]
+    assert np.isnan(cube["radius"]).all() and cube["precession_rate"].values[1] == 0.0
+    assert np.isnan(cube["error_estimate"].values[0]) and 0 < cube["error_estimate"].values[1] < 1e-6
+    straight, turns = np.full((2, 1, len(OUT)), np.nan)
+    straight[0, ORBIT], turns[0, ORBIT] = [np.nan, np.nan, 3.0, 0.1, 0.0, 0.5], [1e9, 1e9, 3.0, 0.1, 1e-9, 0.5]
+    assert orbit_difference(straight, straight) == [0.0]
+    assert np.isnan([orbit_difference(straight, turns), orbit_difference(turns, straight)]).all()
+
+
 def test_a_cube_tells_confidence_and_error():
     plain = dimersweep.sweep(GRID, **SETTINGS)
     cube = dimersweep.sweep(GRID, **SETTINGS, certify=True, out="cube.nc")

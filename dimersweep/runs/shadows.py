@@ -32,6 +32,10 @@ from dimersweep.kernel.model.layout import (
     N_ORBIT,
     OUT,
     ROW,
+    V_PERIOD,
+    V_PHASE,
+    V_RADIUS,
+    V_ZETA,
 )
 from dimersweep.parameters import moved_on, value_of
 from dimersweep.runs.solving import RunSettings, run_all_patiently
@@ -240,10 +244,13 @@ def compared(results: tuple[np.ndarray, np.ndarray], shadow: tuple[np.ndarray, n
 
 
 def orbit_difference(out: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Largest difference of the orbits of two sets of results, shape (n,); NaN where one has none."""
+    """Largest difference of the orbits of two sets of results, shape (n,); NaN where one has none, or one alone is straight."""
     ours, theirs = out[:, ORBIT], other[:, ORBIT]
     apart = np.abs(ours - theirs)
-    apart[:, 5] = np.minimum(apart[:, 5], 1 - apart[:, 5])  # of a phase: round the cycle
-    scale = np.abs(ours)
-    scale[:, [2, 5]] = 1.0
+    apart[:, V_PHASE] = np.minimum(apart[:, V_PHASE], 1 - apart[:, V_PHASE])  # round the cycle
+    scale = np.where(ours == 0.0, np.abs(theirs), np.abs(ours))
+    scale[:, [V_ZETA, V_PHASE]] = 1.0
+    straight = np.isnan([ours[:, V_RADIUS], theirs[:, V_RADIUS]]).all(0) & np.isfinite(ours[:, V_ZETA])
+    apart[np.ix_(straight, [V_RADIUS, V_PERIOD])] = 0.0  # neither path has them
+    scale[apart == 0.0] = 1.0  # both may be 0, as the precession rate of a straight path
     return np.asarray(np.max(apart / scale, axis=1))
