@@ -622,6 +622,22 @@ def test_a_cube_is_made_again_from_what_it_tells(done, refused, fake_kernel, mon
     done("run", "--from", "fig07-small.nc", "--out", "third.nc", "--other-kernel")
 
 
+def test_a_cube_that_has_no_picture_is_made_again(call, done, refused, fake_kernel):
+    one = SMALL.partition("[plot]")[0].replace("f = [15, 20, 25]", "f = [15]").partition("beta0")[0]
+    Path("one.toml").write_text(one)
+    for arguments in (["run", "one.toml"], ["run", "--from", "fig07-small.nc", "--out", "again.nc"]):
+        out, err, code = call(*arguments)
+        assert (code, out.splitlines()[-1]) == (
+            0,
+            f"cube: {arguments[-1] if '--out' in arguments else 'fig07-small.nc'}",
+        )
+        assert err.splitlines()[-1].endswith(
+            "was not drawn (mode_map: has axes none; needs one of more than one value)"
+        )
+    told = refused("explore", "again.nc", "--no-show")
+    assert told == "again.nc: explore: needs a cube over at least one axis of more than one value"
+
+
 def test_all_mistakes_of_a_file_are_told_at_once(refused):
     bad = SMALL.replace("periods =", "perods =").replace("mu = 0.2", "mu = -1\nGama = 2").replace('"segments"', '"pie"')
     bad = bad.replace("[grid]", "rtol = 3\n[grid]").replace("fig07-small.nc", "fig07.csv")

@@ -143,8 +143,14 @@ def test_borders_and_branches_have_a_map():
     branch = LivePage(orbits.follow(orbits.find(spin=100.0), "Gamma", to=0.7)).map.part({})
     assert {*branch["modes"]} == {"stable", "unstable"}
     assert (branch["x"]["label"], branch["y"]["label"]) == ("Γ", "radius [m]")
-    with pytest.raises(ParameterError, match="explore: needs borders or branches over a parameter"):
+    with pytest.raises(
+        ParameterError, match=r"^explore: a table of orbits has no map; give borders or branches over a parameter$"
+    ):
         LivePage(orbits.family(spin=(100.0, 110.0), points=3))
+    with pytest.raises(
+        ParameterError, match=r"^explore: a table along event is no cube; give one of sweep, or of open"
+    ):
+        LivePage(dimersweep.simulate(periods=1).events)
 
 
 def test_a_quantity_is_shown_in_shades(cube):

@@ -100,7 +100,10 @@ def explore(
         report_compiling()
         from dimersweep.exploring.serving import Explorer
 
-        explorer = Explorer(opened, port)
+        try:
+            explorer = Explorer(opened, port)
+        except ParameterError as error:
+            raise ParameterError(f"{cube}: {error}") from None
         typer.echo(f"{explorer.address} (Ctrl-C ends it)")
         if show:
             import webbrowser

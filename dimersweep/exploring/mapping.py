@@ -31,7 +31,12 @@ label_of = partial(label, tex=False)
 def axes_of(cube: xr.Dataset) -> list[str]:
     """The parameters that a map of a cube may have along its sides: its axes, or what varies from point to point."""
     if not isinstance(cube, xr.Dataset) or "mode" not in cube:
-        raise ParameterError(f"explore: {type(cube).__name__} is no cube; give one of sweep, or of open_cube(path)")
+        known = (
+            f"a table along {', '.join(map(str, cube.sizes))}"
+            if isinstance(cube, xr.Dataset)
+            else f"{type(cube).__name__}"
+        )
+        raise ParameterError(f"explore: {known} is no cube; give one of sweep, or of open_cube(path)")
     mode = cube["mode"]
     check_codes(mode)
     points = "point" in mode.dims
@@ -126,7 +131,8 @@ class BorderMap(CubeMap):
     def __init__(self, table: xr.Dataset) -> None:
         parameter = table.attrs.get("parameter")
         if parameter not in PARAMETERS:
-            raise ParameterError("explore: needs borders or branches over a parameter")
+            kind = table.attrs.get("what", "orbits")
+            raise ParameterError(f"explore: a table of {kind} has no map; give borders or branches over a parameter")
         frame = table.dimersweep.to_dataframe().reset_index()
         frame = frame[np.isfinite(frame[parameter])].reset_index(drop=True)
         stability = frame["stable"].map({True: "stable", False: "unstable"})
