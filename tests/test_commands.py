@@ -2,7 +2,9 @@
 
 import json
 import os
+import re
 import shlex
+import sys
 from pathlib import Path
 
 import pytest
@@ -22,6 +24,59 @@ DIMER = ["--e", "0.65", "--f", "22", "--A_r", "5", "--mu", "0.1", "--mu_s", "0.1
 @pytest.fixture(autouse=True)
 def in_an_empty_folder(empty_folder):
     Path("small.toml").write_text((ROOT / "sweeps" / "fig07-small.toml").read_text())
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+TABLES = [  # commands that print tables
+    ["simulate", "--periods", "60"],
+    ["simulate", "--periods", "300", "--tilt", "1deg"],
+    ["simulate", "--periods", "300", "--Gamma", "1.6", "--e", "0.75", "--error"],
+    ["orbits", *DIMER, "--Gamma", "0.9"],
+    ["orbits", "--spin", "100", "--follow", "Gamma=1.3"],
+    ["attractors", "beta0=1deg:89deg", *DIMER, "--starts", "8", "--periods", "200", "--slow"],
+]
+
+
+@pytest.mark.parametrize("arguments", TABLES, ids=lambda words: " ".join(words[:3]))
+def test_a_table_is_printed_whole_at_any_width(arguments, done, capsys, monkeypatch):
+    from dimersweep.cli.printing import print_table
+
+    printed = []
+    for module in ("printing", "simulating"):
+        monkeypatch.setattr(f"dimersweep.cli.{module}.print_table", lambda *table: printed.append(table))
+    done(*arguments)
+    assert printed
+    for heads, rows in ([[*heads], [[*row] for row in rows]] for heads, rows in printed):
+        for width, terminal in ((40, True), (80, True), (40, False), (300, True)):
+            monkeypatch.setenv("COLUMNS", str(width))
+            monkeypatch.setattr(sys.stdout, "isatty", lambda terminal=terminal: terminal, raising=False)
+            print_table(heads, rows)
+            lines = re.sub(r"\x1b\[[0-9;]*m", "", capsys.readouterr().out).splitlines()  # without colours
+            assert not terminal or max(map(len, lines), default=0) <= width
+            if lines and lines[0].startswith("┏"):
+                head, *body = (
+                    [cell.strip() for cell in re.split("[│┃]", line)[1:-1]] for line in lines if line[0] in "│┃"
+                )
+                assert (head, body) == (heads, [row + [""] * (len(heads) - len(row)) for row in rows])
+            else:
+                assert terminal
+                wanted = [f"{head}: {cell}" for row in rows for head, cell in zip(heads, row, strict=False) if cell]
+                assert " ".join(" ".join(lines).split()) == " ".join(" ".join(wanted).split())
+
+
+def test_a_pipe_has_no_width(done):
+    arguments = ["attractors", "beta0=1deg:89deg", "--starts", "8", "--periods", "100"]
+    words = done(*arguments).split()
+    told = json.loads(done(*arguments, "--json"))["attractors"]
+    numbers = [value for row in told for value in row.values() if isinstance(value, float)]
+    assert len(numbers) > 4 and {f"{value:.6g}" for value in numbers} <= {*words}
+    assert {*told[0]} <= {*words}
+
+
+def test_commands_print_no_other_tables():
+    assert [path.name for path in Path(cli.__file__).parent.glob("*.py") if "rich.table" in path.read_text()] == [
+        "printing.py"
+    ]
 
 
 # --- help -------------------------------------------------------------------------------------------------------------

@@ -146,7 +146,7 @@ def test_the_bounds_follow_the_accuracy(coarse, fine):
 
 def test_units_and_meanings_are_those_of_the_states(coarse):
     bound, states = coarse.error(), coarse.states(0.0)
-    assert set(ERROR_SCALES) | {"scaled", "event_time"} == set(bound.data_vars)
+    assert set(ERROR_SCALES) | {"scaled", "event_time", "slip_undecided"} == set(bound.data_vars)
     for name in ERROR_SCALES:
         assert bound[name].attrs["units"] == states[name].attrs["units"]
         assert states[name].attrs["long_name"] in bound[name].attrs["long_name"]

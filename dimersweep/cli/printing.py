@@ -1,14 +1,18 @@
 """What commands print: lines for people, one JSON object for programs, or nothing."""
 
 import inspect
-from collections.abc import Callable, Iterable
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
+from shutil import get_terminal_size
 from typing import Annotated, Any
 
 import typer
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import OUTPUT, option
+from dimersweep.cli.options import OUTPUT, in_lines, option
+
+UNBOUNDED = 10**6  # columns: wider than any table
 
 
 class Printer:
@@ -43,16 +47,13 @@ class Printer:
 
     def rows(self, name: str, units: dict[str, str], rows: Iterable[tuple[Any, ...]]) -> None:
         """Print a table, whose columns have the names and `units` given: its rows are objects for a program."""
-        from rich.console import Console
-        from rich.table import Table
-
-        told = self.told[name] = []
-        table = Table(*(f"{head} \\[{unit}]" if unit else head for head, unit in units.items()))
-        for row in rows:
-            told.append(dict(zip(units, row, strict=True)))
-            table.add_row(*(f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row))
+        kept = [*rows]
+        self.told[name] = [dict(zip(units, row, strict=True)) for row in kept]
         if self.shown:
-            Console().print(table)
+            heads = [f"{head} [{unit}]" if unit else head for head, unit in units.items()]
+            print_table(
+                heads, [[f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row] for row in kept]
+            )
 
     def end(self) -> None:
         """Print what was told, if it was to be JSON, which has no NaN and no infinity: null stands for them."""
@@ -60,6 +61,26 @@ class Printer:
             from json import dumps, loads
 
             typer.echo(dumps(loads(dumps(self.told), parse_constant=lambda constant: None), indent=1))
+
+
+def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table with all its cells whole: as wide as they are, or a block for each row where a terminal is less wide."""
+    from rich.console import Console
+    from rich.table import Table
+
+    # with a height, too: rich takes a simple terminal, and a pipe, for one of 80 columns
+    console, table = Console(width=UNBOUNDED, height=1, markup=False, emoji=False), Table(*heads)
+    rows = [*rows]
+    for row in rows:
+        table.add_row(*row)
+    console.width = console.measure(table).maximum
+    if not sys.stdout.isatty() or console.width <= get_terminal_size().columns:
+        console.print(table)
+        return
+    for row in rows:
+        for k, (head, cell) in enumerate(zip(heads, row, strict=False)):
+            if cell:
+                typer.echo(in_lines(f"{'  ' if k else ''}{head}: {cell}"))
 
 
 def telling(command: Callable[..., None]) -> Callable[..., None]:

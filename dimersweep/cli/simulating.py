@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Force, in_lines, number_option, option, with_parameters
-from dimersweep.cli.printing import Printer, telling
+from dimersweep.cli.printing import Printer, print_table, telling
 from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
 from dimersweep.runs.outcomes import Absent
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
@@ -69,6 +69,8 @@ def simulate(
         tell(in_lines(run.conditions()), **_as_dict(run), **bounds)
         if tell.shown:
             _print_table(run, bounds)
+        if run.status != "ok":
+            tell(in_lines(f"{run.status}: {run.message}"))
         tell(*(in_lines(f"{word}: {meaning}") for word, meaning in meanings(run).items()))
         if save is not None:  # first: a movie may take long
             run.save(save, force=force)
@@ -103,35 +105,29 @@ def _bounds(run: "Run") -> dict[str, float]:
 
 
 def _print_table(run: "Run", bounds: dict[str, float]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("quantity", "value", "unit", "change per period")
-    repeats = f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""
-    table.add_row("status", run.status if run.status == "ok" else f"{run.status}: {run.message}")
-    table.add_row("mode", run.mode + repeats)
+    rows: list[tuple[str, ...]] = [("status", run.status), ("mode", run.mode)]
+    if run.mode_period > 1:
+        rows.append(("repeats every", str(run.mode_period), "periods"))
     if run.mode in DOWN_WORDS:
-        table.add_row("both ends stay down, speed", f"{run.end_speed:.4g}", "m/s")
+        rows.append(("both ends stay down, speed", f"{run.end_speed:.4g}", "m/s"))
     if run.track != "none":
-        table.add_row("track", run.track)
+        rows.append(("track", run.track))
     if not isnan(run.centre_velocity_x):
         velocity = f"{run.centre_velocity_x:.4g}, {run.centre_velocity_y:.4g}"
-        table.add_row("velocity of the circle's centre", velocity, "m/s")
-    table.add_row("forcing periods", str(run.n_periods))
-    table.add_row("events", str(run.n_events))
+        rows.append(("velocity of the centre", velocity, "m/s"))
+    rows += [("forcing periods", str(run.n_periods)), ("events", str(run.n_events))]
     for name, bound in bounds.items():
         if name == "slip_undecided":
-            table.add_row("rtol decides a slip at", f"{bound:.6g}", "s")
+            rows.append(("rtol decides a slip at", f"{bound:.6g}", "s"))
         else:
-            table.add_row(name.replace("_", " "), f"below {bound:.1e}", "s" if "time" in name else "1")
+            rows.append((name.replace("_", " "), f"below {bound:.1e}", "s" if "time" in name else "1"))
     if run.orbit:
-        table.add_section()
         for name in ORBIT_NAMES:
             value, drift = getattr(run.orbit, name), getattr(run.orbit, f"{name}_drift")
             cells = (f"{value:.8g}", QUANTITIES[name].units, f"{drift:.2e}")
-            table.add_row(name, *(("none: straight", "", "") if isnan(value) else cells))
+            rows.append((name, *(("none: straight",) if isnan(value) else cells)))
         for name in ("path_radius", "path_speed"):
             value = getattr(run.orbit, name)
-            table.add_row(name, "none: straight" if isnan(value) else f"{value:.8g}", QUANTITIES[name].units)
-        table.add_row("double impact ends", run.orbit.di_end)
-    Console().print(table)
+            rows.append((name, "none: straight" if isnan(value) else f"{value:.8g}", QUANTITIES[name].units))
+        rows.append(("double impact ends", run.orbit.di_end))
+    print_table(("quantity", "value", "unit", "change per period"), rows)
