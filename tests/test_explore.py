@@ -42,6 +42,14 @@ def sample():
     return dimersweep.sweep(points=points, periods=60, progress=False)
 
 
+def test_a_map_tells_what_its_points_share(cube, sample):
+    held = CubeMap(cube).part({"f": "1"})["held"]
+    assert held["f"] == "20" and held["e"] == held["e_2"] == "0.6" and "Gamma" not in held and "beta0" not in held
+    assert {"f", "Gamma", "beta0"}.isdisjoint(CubeMap(sample).part({})["held"])
+    branch = LivePage(orbits.follow(orbits.find(spin=100.0, f=20.0), "Gamma", to=0.9)).map.part({})
+    assert branch["held"]["f"] == "20" and {"Gamma", "beta0", "xdot0"}.isdisjoint(branch["held"])
+
+
 # --- what the page is answered ----------------------------------------------------------------------------------------
 def test_a_run_is_told_as_it_is_drawn():
     told = json.loads(json.dumps(LivePage().run({"Gamma": "1.1", "beta0": "20 deg", "shown": "start", "stretch": "2"})))
@@ -408,6 +416,26 @@ def test_a_map_is_clicked_compared_linked_copied_and_saved(cube, tmp_path):
         numbers = np.loadtxt(tmp_path / "dimer.csv", delimiter=",", skiprows=2)
         rods = np.linalg.norm(numbers[:, 1:4] - numbers[:, 4:7], axis=1)
         np.testing.assert_allclose(rods, 50, atol=0.02)
+
+
+RINGS = """() => {
+  const canvas = document.querySelector(".marks"), context = canvas.getContext("2d");
+  return context.getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value > 0);
+}"""
+
+
+@needs_chromium
+def test_a_run_has_a_ring_on_the_map_where_it_lies_on_it():
+    """The map is of another dimer than the base case, and of Gamma from 0.8 to 0.9."""
+    other = dimersweep.sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.3]}, {"e": 0.65}, periods=60, progress=False)
+    with opened(other) as page:
+        page.locator("#key i").first.wait_for()
+        assert not page.evaluate(RINGS)
+        drawn(page, lambda: page.locator("#of-e").fill("0.65"))
+        assert page.evaluate(RINGS)
+        for name, value, lies in (("Gamma", "1.4", False), ("Gamma", "0.85", True), ("mu", "0.1", False)):
+            drawn(page, lambda name=name, value=value: page.locator(f"#of-{name}").fill(value))
+            assert page.evaluate(RINGS) == lies, name
 
 
 @needs_chromium

@@ -467,6 +467,40 @@ def branch_table():
     )
 
 
+def runs_of(axes):
+    """Pieces of the drawn curves of a panel: their style, and the least and greatest place along the parameter."""
+    pieces = [line for line in axes.lines if line.get_linestyle() in ("-", "--") and line.get_xdata().size]
+    return [(line.get_linestyle(), *np.round([line.get_xdata().min(), line.get_xdata().max()], 9)) for line in pieces]
+
+
+@pytest.mark.parametrize("flip_is_stable", [0, 1])
+def test_a_branch_is_solid_up_to_its_flip_and_no_further(flip_is_stable):
+    columns = {"Gamma": [1.0, 1.2, 1.29, 1.33, 1.4], "stable": [1, 1, flip_is_stable, 0, 0], "branch": [0] * 5}
+    columns |= {name: np.arange(1.0, 6) for name in ("radius", "period", "zeta")} | {
+        "special": ["", "", "flip", "", ""]
+    }
+    table = xr.Dataset({name: ("point", each) for name, each in columns.items()}, attrs={"parameter": "Gamma"})
+    figure = drawn(draw_borders(table))
+    for axes in figure.axes:
+        assert runs_of(axes) == [("-", 1.0, 1.29), ("--", 1.29, 1.4)]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["stable", "unstable", "flip"]
+    figure = drawn(draw_borders(table.isel(point=[0, 1])))
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["stable"]
+
+
+def test_a_legend_of_curves_names_what_is_drawn_alone():
+    table = curve_table()
+    figure = drawn(draw_borders(table.assign(ball=table["ball"] * np.nan)))
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "ball, closed form" in [text.get_text() for text in drawn(draw_borders(table)).legends[0].get_texts()]
+    assert "ball, closed form" not in words
+    kind = next(word for word in words if word in set(table["kind"].values.tolist()))
+    lost = table["Gamma"].where(table["kind"] != kind)
+    assert kind not in [
+        text.get_text() for text in drawn(draw_borders(table.assign(Gamma=lost))).legends[0].get_texts()
+    ]
+
+
 def test_branches_are_solid_where_they_are_stable_and_marked_where_they_change():
     table = branch_table()
     figure = drawn(draw_borders(table))

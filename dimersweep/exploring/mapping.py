@@ -14,13 +14,14 @@ from dimersweep.cubes.findings import edges_of, is_geometric
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.orbits.kinds import BORDER_KINDS
+from dimersweep.parameters import completed
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of, label, with_units
 from dimersweep.plots.view import as_shown
 from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
-from dimersweep.runs.behind import behind
+from dimersweep.runs.behind import behind, parameters_of
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
-from dimersweep.symbols import PARAMETERS, is_angle, units_shown
+from dimersweep.symbols import PARAMETERS, START, is_angle, units_shown
 
 MOST_CELLS = 250_000  # of one map: more would make the page slow
 SHADES = np.array([to_hex(color) for color in colormaps["viridis"](np.linspace(0, 1, 256))])
@@ -96,6 +97,7 @@ class CubeMap:
             told[way] = {"name": name, "label": name and label_of(name), "at": along.tolist()}
             told[way]["log"] = bool(name) and not self.points and is_geometric(along)
             told[way]["edges"] = [along.min(), along.max()] if self.points else edges_of(along).tolist()
+        told["held"] = self._held(part, dims)
         if shown == "mode":
             told["key"] = [[self.colors[code], self.labels[code]] for code in np.unique(self.mode.values)]
             told["colors"] = np.array(self.colors)[values].tolist()
@@ -112,6 +114,20 @@ class CubeMap:
         told["bar"] = {"ends": [f"{low:.4g}", f"{high:.4g}"], "label": with_units(shown.replace("_", " "), units)}
         told["bar"]["shades"] = SHADES[::51].tolist()
         return told
+
+    def parameters_at(self, point: xr.Dataset) -> dict[str, float]:
+        """Return the parameters of the run behind a point."""
+        return parameters_of(point)
+
+    def _held(self, part: xr.Dataset, dims: list[str]) -> dict[str, str]:
+        """Return the parameters that all points of a part share, as they are shown: only a run with these lies on the map."""
+        places = {0, -1}
+        if self.points:
+            places = {int(end(part[name].values)) for name in self.axes for end in (np.argmin, np.argmax)}
+        ends = [completed(self.parameters_at(part.isel(dict.fromkeys(dims, place)))) for place in places]
+        return {
+            name: as_shown(name, value) for name, value in ends[0].items() if all(end[name] == value for end in ends)
+        }
 
     def run(self, at: str) -> tuple[Run, dict[str, Any]]:
         """The run behind a point, given by its places along the dimensions of the cube, and how to make it again."""
@@ -134,7 +150,11 @@ class BorderMap(CubeMap):
             kind = table.attrs.get("what", "orbits")
             raise ParameterError(f"explore: a table of {kind} has no map; give borders or branches over a parameter")
         frame = table.dimersweep.to_dataframe().reset_index()
-        frame = frame[np.isfinite(frame[parameter])].reset_index(drop=True)
+        varied = [name for name in PARAMETERS if name in frame and frame[name].nunique() > 1]
+        self.axes = ["radius", parameter] if varied == [parameter] else sorted(varied, key=[parameter, *varied].index)
+        frame = frame[np.isfinite(frame[[parameter, *self.axes]]).all(axis=1)].reset_index(
+            drop=True
+        )  # no radius in a plane
         stability = frame["stable"].map({True: "stable", False: "unstable"})
         words = frame.get("kind", stability if "kind" not in table.attrs else [table.attrs["kind"]] * len(frame))
         self.labels = sorted(set(words))
@@ -142,9 +162,12 @@ class BorderMap(CubeMap):
         self.cube = frame.rename_axis("point").to_xarray().assign_attrs(table.attrs)
         self.cube["mode"] = column("point", words, "kind of border, or stability", self.labels)
         self.mode, self.dims, self.points, self.fixed, self.shown = self.cube["mode"], ["point"], True, [], ["mode"]
-        varied = [name for name in PARAMETERS if name in frame and frame[name].nunique() > 1]
-        self.axes = ["radius", parameter] if varied == [parameter] else sorted(varied, key=[parameter, *varied].index)
         self.held = fixed_of(table)[0]
+
+    def parameters_at(self, point: xr.Dataset) -> dict[str, float]:
+        """See `CubeMap`; a point tells the orbit of any start."""
+        given = {name: point[name].item() for name in PARAMETERS if name in point}
+        return {name: value for name, value in (self.held | given).items() if name not in START}
 
     def run(self, at: str) -> tuple[Run, dict[str, Any]]:
         """A run with the parameters of a point."""

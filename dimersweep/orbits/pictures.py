@@ -82,6 +82,7 @@ def curves(table: xr.Dataset, over: xr.Dataset | None, look: Look) -> Figure:
         handles.append(_stable_shaded(axes, flat, x, y))
         flat = flat.drop_sel(kind=ends)
     lines = [(flat.isel(line=k), STYLES[k % len(STYLES)]) for k in range(flat.sizes["line"])]
+    closed: list[Line2D] = []
     for kind in flat["kind"].values.tolist():
         color = BORDER_KINDS[kind].color
         for line, style in lines:
@@ -93,13 +94,13 @@ def curves(table: xr.Dataset, over: xr.Dataset | None, look: Look) -> Figure:
             axes.plot(row[x], taken, **how)
         ball = lines[0][0].sel(kind=kind)["ball"] if "ball" in flat else np.array(np.nan)
         if np.isfinite(ball).any():
-            axes.plot(ball[x], ball, color=ink(), linewidth=0.7)
-        handles.append(Line2D([], [], color=color, label=kind))
+            closed = axes.plot(ball[x], ball, color=ink(), linewidth=0.7, label="ball, closed form")
+        if np.isfinite(flat.sel(kind=kind)[y]).any():
+            handles.append(Line2D([], [], color=color, label=kind))
     for line, style in lines if others else ():
         words = ", ".join(given(name, float(line[name])) for name in others)
         handles.append(Line2D([], [], color="gray", linestyle=style, label=words))
-    if "ball" in flat:
-        handles.append(Line2D([], [], color=ink(), linewidth=0.7, label="ball, closed form"))
+    handles += closed
     mark(axes.xaxis, x)
     mark(axes.yaxis, y)
     place.legend("lower center", handles, fontsize=8, ncols=4)
@@ -152,8 +153,9 @@ def branches(table: xr.Dataset, look: Look) -> Figure:
         for axes, name in zip(panels, PANELS, strict=True):
             _one_branch(axes, one, x, name, color)
     _label_panels(panels)
-    handles = [Line2D([], [], color="gray", label="stable")]
-    handles.append(Line2D([], [], color="gray", linestyle="--", label="unstable"))
+    drawn = {line.get_linestyle() for line in panels[0].lines}
+    styles: dict[Any, str] = {"-": "stable", "--": "unstable"}
+    handles = [Line2D([], [], color="gray", linestyle=style, label=styles[style]) for style in styles if style in drawn]
     kinds = [kind for kind in MARKERS if (table["special"].values == kind).any()]
     handles += [Line2D([], [], color=ink(), linestyle="", marker=MARKERS[kind], label=kind) for kind in kinds]
     for key, color in colors.items() if groups else ():
@@ -179,10 +181,12 @@ def _one_branch(axes: Axes, one: xr.Dataset, x: str, name: str, color: str) -> N
     """One quantity along one branch."""
     places, values, stable = one[x].values, one[name].values, one["stable"].values.astype(bool)
     at, line, drawn = _smoothed(places, values)
-    bounds = np.flatnonzero(np.diff(stable.astype(int))) + 1
-    for part in np.split(np.arange(values.size), bounds):
+    bound = np.isin(one["special"].values, list(MARKERS))  # which is of both sides: a stretch is as its other end
+    ends = np.stack([np.where(bound[:-1], stable[1:], stable[:-1]), np.where(bound[1:], stable[:-1], stable[1:])])
+    solid = np.logical_and(*ends)
+    for part in np.split(np.arange(solid.size), np.flatnonzero(np.diff(solid)) + 1) if solid.size else ():
         here = (part[0] <= at) & (at <= part[-1] + 1)
-        axes.plot(line[here], drawn[here], color=color, linestyle="-" if stable[part[0]] else "--", lw=1.3)
+        axes.plot(line[here], drawn[here], color=color, linestyle="-" if solid[part[0]] else "--", lw=1.3)
     for kind, marker in MARKERS.items():
         at = one["special"].values == kind
         axes.plot(one[x].values[at], values[at], linestyle="", marker=marker, color=ink(), markersize=5)
