@@ -203,3 +203,25 @@ def test_where_the_drift_dies_a_motion_comes_to_rest():
     assert alive.spin == pytest.approx(orbit.run(2000, record=False).orbit.spin, rel=1e-5) and alive.mode == ""
     assert dead.mode == orbit.run(5000, record=False).mode == orbits.later(orbit, periods=np.inf).mode == "rest"
     assert np.isnan(dead.spin)
+
+
+def test_a_motion_in_a_plane_has_no_circle():
+    """The spin of this plane is found as 3e-11 rad/s, beside which the path turns once in a million years."""
+    dimer = {"A_r": 6.707, "f": 13.398, "e": 0.661, "mu": 0.104, "mu_s": 0.111, "Gamma": 1.114}
+    found = orbits.sustained(**dimer)
+    assert names(found["kind"]).values.tolist() == ["plane", "spin"]
+    for name in ("radius", "path_radius", "period", "radius_low", "radius_high"):
+        assert np.isnan(found[name].values).tolist() == [True, False], name
+    assert abs(found["spin"].values[0]) < 1e-7 and found["precession_rate"].values[0] == 0
+    orbit = orbits.find(spin=1e-9, **dimer)
+    assert np.isnan([orbit.radius, orbit.path_radius, orbit.period]).all()
+    assert ", in a plane, zeta" in repr(orbit) and "none: straight" in orbit._repr_html_()
+    assert orbits.find(spin=1e-3, **dimer).radius > 1  # a circle, though a wide one
+
+
+def test_the_end_of_a_spin_that_falls_to_0_is_a_plane():
+    orbit = orbits.find(spin=20.0)
+    later = orbits.later(orbit, periods=np.inf)
+    assert abs(later.spin) < 1e-7 and np.isnan([later.radius, later.period]).all()
+    found = orbits.sustained()
+    assert names(found["kind"]).values.tolist() == ["plane"] and found["attracts"].all()

@@ -4,6 +4,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
+from math import isnan
 from shutil import get_terminal_size
 from typing import Annotated, Any
 
@@ -51,9 +52,7 @@ class Printer:
         self.told[name] = [dict(zip(units, row, strict=True)) for row in kept]
         if self.shown:
             heads = [f"{head} [{unit}]" if unit else head for head, unit in units.items()]
-            print_table(
-                heads, [[f"{cell:.6g}" if isinstance(cell, float) else str(cell) for cell in row] for row in kept]
-            )
+            print_table(heads, [[_shown(cell) for cell in row] for row in kept])
 
     def end(self) -> None:
         """Print what was told, if it was to be JSON, which has no NaN and no infinity: null stands for them."""
@@ -61,6 +60,11 @@ class Printer:
             from json import dumps, loads
 
             typer.echo(dumps(loads(dumps(self.told), parse_constant=lambda constant: None), indent=1))
+
+
+def _shown(cell: Any) -> str:
+    """Return the text of a cell: a missing number has none."""
+    return str(cell) if not isinstance(cell, float) else "" if isnan(cell) else f"{cell:.6g}"
 
 
 def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -39,7 +39,7 @@ class Later(NamedTuple):
     spin : float
         After the double impact [rad s-1].
     radius, period, zeta : float
-        Of the orbit [m, s, rad].
+        Of the orbit [m, s, rad]; radius and period are NaN in a plane, where the spin is 0.
     mode : str
         That of the run, where the motion has left the slow family; its numbers are NaN unless it is a drift. Else none.
     leaps : tuple of Leap

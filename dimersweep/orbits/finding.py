@@ -194,7 +194,9 @@ def orbit_at(
         if orbit.stable:
             return replace(orbit, others=tuple(found))
         told = [orbit.radius, orbit.impact_phase]
-        if not any(np.isclose(told, [other.radius, other.impact_phase], rtol=ONE_ORBIT).all() for other in found):
+        if not any(
+            np.isclose(told, [other.radius, other.impact_phase], ONE_ORBIT, equal_nan=True).all() for other in found
+        ):
             found.append(orbit)
     if found:
         return replace(found[0], others=tuple(found[1:]))

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 SHOWN_PERIODS = 12  # of an orbit in its picture: one that is unstable has not left it yet
 CIRCLE = 1e-12  # turn of a period [rad] that is none
+PLANE = 1e-10  # spin that is none, in units of the section: a sustained spin of 0 is located so well
 CHORDS = 16  # parts of a forcing period: with these the radius of the base case's path is known to 1e-6 m
 
 
@@ -99,11 +100,11 @@ class PeriodicOrbit:
         Axial spin after the double impact (without one: after the last impact of the end that is in the air for longer)
         [rad s-1], as that of `Run.orbit`. For period n, of the last one.
     radius : float
-        Equivalent radius (11), `speed` over precession rate; inf for a motion in a plane [m].
+        Equivalent radius (11), `speed` over precession rate; NaN for a motion in a plane [m].
     path_radius, path_speed : float
-        Radius of the mean path of the centre of mass, as a camera sees it [m]; speed along it [m s-1].
+        Radius of the mean path of the centre of mass, as a camera sees it, NaN in a plane [m]; speed along it [m s-1].
     period : float
-        Time once round [s], for either radius.
+        Time once round [s], for either radius; NaN in a plane.
     zeta, speed : float
         Angle from the axis to the velocity [rad], speed of the centre of mass [m s-1], there too.
     precession_rate : float
@@ -165,7 +166,7 @@ class PeriodicOrbit:
         kind = "stable" if self.stable else "unstable"
         others = f", {len(self.others)} other at this spin" if self.others else ""
         return (
-            f"<PeriodicOrbit: period {self.periods}, {kind}, spin {self.spin:.6g} rad/s, radius {self.radius:.6g} m, "
+            f"<PeriodicOrbit: period {self.periods}, {kind}, spin {self.spin:.6g} rad/s, {circle_of(self.radius)}, "
             f"zeta {self.zeta:.6g} rad, residual {self.residual:.1e}{others}>"
         )
 
@@ -181,8 +182,8 @@ class PeriodicOrbit:
 
     @property
     def path_radius(self) -> float:
-        """Radius of the mean path of the centre of mass; inf for a motion in a plane [m]."""
-        return self.path.radius
+        """Radius of the mean path of the centre of mass; NaN for a motion in a plane [m]."""
+        return self.path.radius if self.precession_rate else float("nan")
 
     @property
     def path_speed(self) -> float:
@@ -232,6 +233,11 @@ class PeriodicOrbit:
         return self.run(SHOWN_PERIODS * self.periods).plot(path, force=force, **{"title": heading} | look)
 
 
+def circle_of(radius: float) -> str:
+    """Return a radius in words; there is none in a plane."""
+    return "in a plane" if np.isnan(radius) else f"radius {radius:.6g} m"
+
+
 def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrbit:
     """The orbit of a fixed point, and of the motion that drifts slowly along the family beside it.
 
@@ -243,14 +249,15 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
     parameters, image = m.parameters, slow_motion.image
     struck = strike_of(image.passage, m.dimer)
     turn = slow_motion.turn / m.periods
-    rate = turn * parameters["f"] if abs(turn) > CIRCLE else 0.0
+    in_plane = abs(turn) <= CIRCLE or abs(image.spin) <= PLANE * m.unit
+    rate = 0.0 if in_plane else turn * parameters["f"]
     fast, slow = multipliers_of(fixed)
     return PeriodicOrbit(
         parameters=dict(parameters),
         periods=m.periods,
         spin=image.spin,
-        radius=struck["speed"] / abs(rate) if rate else float("inf"),
-        period=TURN / abs(rate) if rate else float("inf"),
+        radius=struck["speed"] / abs(rate) if rate else float("nan"),
+        period=TURN / abs(rate) if rate else float("nan"),
         precession_rate=rate,
         impact_phase=(m.phase + struck.pop("phase")) / TURN % 1.0,
         **struck,

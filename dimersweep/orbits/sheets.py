@@ -303,8 +303,10 @@ class Standing(NamedTuple):
 
     @property
     def kind(self) -> str:
-        """Whether the drift falls through zero, changes its sign where the family, or the sheet, ends, or is none at all."""
-        return NEUTRAL if self.rate == 0 else "end" if np.isinf(self.rate) else "spin"
+        """Whether the drift falls through zero, on a circle or in a plane, changes its sign at an end, or is none at all."""
+        if self.rate == 0 or np.isinf(self.rate):
+            return "end" if self.rate else NEUTRAL
+        return "spin" if self.orbit.precession_rate else "plane"
 
 
 def standing(sheet: Sheet) -> Iterator[Standing]:

@@ -22,7 +22,7 @@ LANDS_AFTER = (100, 300, 1000, 3000)  # forcing periods of a run over the end of
 LANDED = 0.02  # distance of such a run from an orbit, in units of the section, below which it has come to it
 MOST_SHEETS = 16  # that are followed
 BELOW, ABOVE = False, True  # the ends of a sheet
-SPIN_KINDS = ("spin", "end", "cycle", NEUTRAL)  # how a spin may stay where it comes to
+SPIN_KINDS = ("spin", "end", "cycle", NEUTRAL, "plane")  # how a spin may stay where it comes to
 
 
 class Arrival(NamedTuple):

@@ -47,12 +47,13 @@ def sustained(
     Returns
     -------
     xarray.Dataset
-        Along `sustained`, by ascending spin: `kind`: "spin"; "end" where the drift leads to an end of a sheet, and back to it
-        from beyond; or "cycle". `spin_low` and `spin_high`, between which the spin goes to and fro, and `radius_low` and
-        `radius_high`, else both alike; whether it `attracts`; `slow_rate`, of what is off the spin, per forcing period and in
-        units of itself (1 + it is the multiplier of the slow direction; -inf at an end, NaN for a cycle); `slow_periods` and
-        `slow_time`, in which that falls or grows by e, or once round a cycle; `spin_error`, by that of the map, or where the
-        drift is found to lead back to an end; and the attributes of a `PeriodicOrbit`, for a cycle those at its least spin.
+        Along `sustained`, by ascending spin: `kind`: "spin"; "plane", which has spin 0 and no radius; "end" where the drift
+        leads to an end of a sheet, and back to it from beyond; or "cycle". `spin_low` and `spin_high`, between which the spin
+        goes to and fro, and `radius_low` and `radius_high`, else both alike; whether it `attracts`; `slow_rate`, of what is
+        off the spin, per forcing period and in units of itself (1 + it is the multiplier of the slow direction; -inf at an
+        end, NaN for a cycle); `slow_periods` and `slow_time`, in which that falls or grows by e, or once round a cycle;
+        `spin_error`, by that of the map, or where the drift is found to lead back to an end; and the attributes of a
+        `PeriodicOrbit`, for a cycle those at its least spin.
         Along `sheet`: `sheet_low` and `sheet_high`, least and greatest spin of a stretch of the family, why it ends there
         (empty if it does not), and where it leads: to which spin, or what the run does.
         The attribute `cost` says how many forcing periods of the map it took.
@@ -94,7 +95,8 @@ def sustained(
 
 MEANINGS = {
     "kind": Quantity(
-        "1", "whether the spin stands still, is held at an end of the family, or goes to and fro on a cycle"
+        "1",
+        "whether the spin stands still, on a circle or in a plane, is held at an end, or goes to and fro on a cycle",
     ),
     "spin_low": Quantity("rad s-1", "least axial spin after the double impact"),
     "spin_high": Quantity("rad s-1", "greatest axial spin after the double impact"),

@@ -34,8 +34,13 @@ def run_rows(run: SeenRun) -> list[tuple[str, str]]:
 
 def _numbers(orbit: Any, shown: Iterable[str]) -> list[tuple[str, str]]:
     """Numbers of an orbit by their names, with units."""
+    values = {name: getattr(orbit, name) for name in shown}
     return [
-        (name.replace("_", " "), f"{getattr(orbit, name):.6g} {units_shown(QUANTITIES[name].units)}") for name in shown
+        (
+            name.replace("_", " "),
+            "none: straight" if np.isnan(value) else f"{value:.6g} {units_shown(QUANTITIES[name].units)}",
+        )
+        for name, value in values.items()
     ]
 
 
