@@ -158,7 +158,7 @@ def bounds(run: SeenRun, shadows: Sequence[SeenRun], times: np.ndarray, T: float
         Forcing period [s].
     """
     apart = [difference(run, shadow, times) for shadow in shadows]
-    variables = {}
+    variables: dict[str, Any] = {}
     for name, scale in ERROR_SCALES.items():
         # what two runs happen to share for a moment is no less in error: the largest difference so far counts
         bound = SAFETY * np.maximum.accumulate(np.max([errors[name] for errors in apart], axis=0))
