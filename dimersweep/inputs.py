@@ -3,11 +3,17 @@
 import re
 import reprlib
 import tomllib
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Mapping
+from datetime import timedelta
+from decimal import Decimal
+from fractions import Fraction
+from functools import cache
 from math import isfinite, pi
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
+from unicodedata import normalize
 
 import numpy as np
 
@@ -15,15 +21,38 @@ from dimersweep.errors import ParameterError, one_line
 from dimersweep.symbols import PARAMETERS
 
 RTOL_RANGE = (1e-13, 1e-2)
-DEGREES = ("deg", "degree", "degrees", "°")
-# units that a text may give a value in, and their size in the SI unit
-OTHER_UNITS = {
-    "rad": dict.fromkeys(DEGREES, pi / 180),
-    "m": {"mm": 1e-3},
-    "m s-1": {"mm/s": 1e-3, "m/s": 1.0},
-}
 MAX_SECONDS = 1e8  # a bound on time: the system takes no longer ones
 MAX_COUNT = 1_000_000_000  # forcing periods and other counts: the cube keeps them in 32 bits
+
+Size = Fraction | float
+# what units are made of, by all their names: their size in m, kg, s and rad, and the powers of these. A turn is no pure number
+# here, so that 900 rpm are 15 Hz and not 94 Hz; a fraction makes 4.1 mm the float that 0.0041 is
+_NAMED: dict[str, tuple[Size, dict[str, int]]] = {
+    "1 dimensionless": (Fraction(1), {}),
+    "% percent": (Fraction(1, 100), {}),
+    "m meter metre": (Fraction(1), {"m": 1}),
+    "g gram gramme": (Fraction(1, 1000), {"kg": 1}),
+    "s sec second": (Fraction(1), {"s": 1}),
+    "min minute": (Fraction(60), {"s": 1}),
+    "h hr hour": (Fraction(3600), {"s": 1}),
+    "Hz HZ hertz": (Fraction(1), {"s": -1}),
+    "rad radian": (Fraction(1), {"rad": 1}),
+    "° deg degree": (pi / 180, {"rad": 1}),
+    "r rev turn cycle revolution": (2 * pi, {"rad": 1}),
+    "rpm RPM": (pi / 30, {"rad": 1, "s": -1}),
+    "g_0 g0 gn standard_gravity": (Fraction("9.80665"), {"m": 1, "s": -2}),
+}
+_WORDS = {word: unit for words, unit in _NAMED.items() for word in words.split()}
+_WORDS |= {f"{word}s": unit for word, unit in _WORDS.items() if len(word) > 2}
+_PREFIXES = {"n nano": -9, "u μ micro": -6, "m milli": -3, "c centi": -2, "k kilo": 3, "M mega": 6}
+_UNITS = {
+    prefix + word: (size * Fraction(10) ** power, powers)
+    for prefixes, power in _PREFIXES.items()
+    for prefix in prefixes.split()
+    for word, (size, powers) in _WORDS.items()
+} | _WORDS  # so that min is a minute
+# another unit of the kind, by which what may be given is told
+_SUCH_AS = {"rad": "deg", "m": "mm", "m s-1": "mm/s", "m s-2": "g", "s": "ms", "Hz": "rpm", "rad s-1": "rpm"}
 
 
 def _shown(value: Any) -> str:
@@ -31,146 +60,189 @@ def _shown(value: Any) -> str:
     return " ".join(reprlib.repr(value).split())
 
 
-def _unit_of(value: Any) -> Any:
-    """The unit that a value of another library carries: xarray's and pandas' in their attributes, None if there is none."""
-    attributes = getattr(value, "attrs", None)
-    if isinstance(attributes, Mapping):
-        return attributes.get("units", _unit_of(getattr(value, "data", None)))
-    return getattr(value, "units", getattr(value, "unit", None))
+@cache
+def _parsed(text: str) -> tuple[Size, Counter[str]] | None:
+    """Return the size of a unit such as m s-1, m/s or µm, and its powers of m, kg, s and rad; None of what is no unit here."""
+    size: Size = Fraction(1)
+    powers = Counter[str]()
+    text = re.sub(r"[\s_]per[\s_]", "/", normalize("NFKC", text).replace("−", "-").replace("**", "^"))
+    for before, part in re.findall(r"([\s/*·.]*)([^\s/*·.]+)", re.sub(r"\s*\^\s*", "^", text)):
+        found = re.fullmatch(r"(1|\D+?)(?:\^?([-+]?\d+))?", part)
+        if found is None or found[1] not in _UNITS:
+            return None
+        times = int(found[2] or 1) * (-1 if "/" in before else 1)
+        size *= _UNITS[found[1]][0] ** times
+        powers.update({base: power * times for base, power in _UNITS[found[1]][1].items()})
+    return size, Counter({base: power for base, power in powers.items() if power})
 
 
-def _check_carried(name: str, value: Any, units: str | None) -> None:
-    """Refuse what a number or an array carries besides numbers: another unit, masked entries, dates, bools.
+def size_of(name: str, value: Any, unit: Any, units: str | None) -> Size:
+    """Return the size of the unit that a value has, in `units`; 1 where these are None.
+
+    A g that is a text is the earth's in an acceleration, and else a gram. A rate of turning is a frequency, too, but no
+    frequency is a rate of turning: some mean turns by it and some radians.
 
     Raises
     ------
     ParameterError
+        If it is of another kind.
     """
-    unit = _unit_of(value)
-    if unit is not None and not (isinstance(unit, str) and (units is None or unit in ("", units))):
-        wanted = "" if units is None else " without a unit" if units == "1" else f" in {units}"
-        raise ParameterError(f"{name} = {_shown(value)}: has the unit {unit}; give plain numbers{wanted}")
-    if np.ma.is_masked(value):
+    text = str(unit)
+    if units is None or text == units:
+        return Fraction(1)
+    if units == "m s-2" and isinstance(unit, str):
+        text = re.sub("^(m?)[gG]$", r"\1gn", text)
+    given, wanted = _parsed(text), _parsed(units)
+    if given is not None and wanted is not None:
+        size = given[0] / wanted[0]
+        if given[1] == wanted[1]:
+            return size
+        if units == "Hz" and given[1] == {"rad": 1, "s": -1}:
+            return size / (2 * pi)
+    such = f"{units}, {_SUCH_AS[units]} or the like" if units in _SUCH_AS else "left out" if units == "1" else units
+    carried = "" if isinstance(value, str) else f"has the unit {unit}; "
+    raise ParameterError(f"{name} = {_shown(value)}: {carried}the unit must be {such}")
+
+
+def in_units(numbers: Any, size: Size) -> Any:
+    """Return numbers times the size of their unit: of a single one the float nearest to the decimal number meant."""
+    if isinstance(numbers, float) and isinstance(size, Fraction) and isfinite(numbers):
+        return float(Fraction(repr(float(numbers))) * size)
+    many, parts = size.as_integer_ratio()
+    return numbers * float(many) / float(parts)
+
+
+def _from_carrier(name: str, value: Any, units: str | None, result: bool) -> np.ndarray:
+    """Return what an array, or a number of another library, holds: floats in `units`, of any shape."""
+    inner = getattr(value, "data", value) if hasattr(value, "dims") else value  # xarray's may hold that of pint
+    bare = getattr(inner, "magnitude", value)  # pint warns where its unit is left out
+    masked = np.ma.is_masked(bare)
+    if masked and not result:
         raise ParameterError(f"{name} = {_shown(value)}: has masked values; give numbers only")
-    if getattr(getattr(value, "dtype", None), "kind", "O") not in "iufOTU":
-        raise ParameterError(f"{name} = {_shown(value)}: must be a number")
-
-
-def as_number(name: str, value: Any, units: str | None = None) -> float:
-    """`value` as a finite float.
-
-    Parameters
-    ----------
-    name : str
-    value : float
-    units : str, optional
-        The unit that a value may carry as an attribute; any, if it is not given.
-
-    Raises
-    ------
-    ParameterError
-        If it is no real number (a bool or a string is none), masked, of another unit or not finite.
-    """
-    _check_carried(name, value, units)
-    if getattr(value, "ndim", None) == 0:  # a numpy scalar or a single value picked from a dataset
-        value = value.item()
-    if isinstance(value, bool) or not isinstance(value, Real):
-        raise ParameterError(f"{name} = {_shown(value)}: must be a number")
     try:
-        number = float(value)
-    except OverflowError:
-        number = float("inf")
-    if not isfinite(number):
-        raise ParameterError(f"{name} = {number}: must be finite")
-    return number
+        array = np.asarray(np.where(np.ma.getmaskarray(bare), np.nan, np.ma.getdata(bare)) if masked else bare)
+    except Exception as error:  # whatever another library says
+        raise ParameterError(f"{name}: cannot be read as numbers ({one_line(error)})") from None
+    attributes = getattr(value, "attrs", None)
+    unit = attributes.get("units") if isinstance(attributes, Mapping) else None
+    for each in (value, inner):
+        unit = getattr(each, "units", getattr(each, "unit", None)) if unit is None else unit
+    if array.dtype.kind == "m":
+        array, unit = np.asarray(array / np.timedelta64(1, "s")), "s"
+    unit = unit.decode() if isinstance(unit, bytes) else unit
+    plain = unit is None or (isinstance(unit, str) and not unit)
+    if array.dtype.kind in "OTU":
+        within = units if plain else "1"
+        read = [as_number(name, each, within, result=result) for each in np.atleast_1d(array).tolist()]
+        array = np.array(read).reshape(array.shape)
+    if array.dtype.kind not in ("iufb" if result else "iuf"):
+        dates = "; of dates give the time since one of them" if array.dtype.kind == "M" else ""
+        raise ParameterError(f"{name} = {_shown(value)}: must be a number{dates}")
+    with np.errstate(over="ignore"):  # of longer floats
+        numbers = array.astype(float)
+    return numbers if plain else np.asarray(in_units(numbers[()], size_of(name, value, unit, units)))
 
 
-def number(name: str, value: Any, units: str | None = None) -> float:
-    """The value of the parameter `name` in its SI unit, as a finite float.
+def as_number(name: str, value: Any, units: str | None = "1", *, result: bool = False) -> float:
+    """Return `value` as a finite float in `units`.
 
     Parameters
     ----------
     name : str
     value : float or str
-        A number in the SI unit, or a text with a unit after it, as "16 deg" or "2 mm".
+        A number in that unit, a text with its unit, as "16 deg" or "2 mm", or what carries its unit: numbers of xarray, pint
+        and astropy, durations.
     units : str, optional
-        The SI unit of a quantity that is no parameter.
+        If None, numbers of any unit are taken as they are.
+    result : bool
+        Whether a function has returned it: it may be missing or infinite, a bool is 0 or 1, and what is masked is NaN.
 
     Raises
     ------
     ParameterError
-        If it is no number, or the unit is another one.
+        If it is no real number (a bool is none), masked, not finite or of another kind of unit.
     """
-    units = PARAMETERS[name].units if units is None else units
-    if not isinstance(value, str):
-        return as_number(name, value, units)
-    factors = {"": 1.0, units: 1.0} | OTHER_UNITS.get(units, {})
-    size, unit = _size_and_unit(value)
+    if isinstance(value, timedelta):
+        value = f"{value.total_seconds()!r} s"
+    if isinstance(value, str):
+        value = _from_text(name, value, units)
+    elif hasattr(value, "__array__") and getattr(value, "ndim", 0) == 0:
+        value = _from_carrier(name, value, units, result).item()
+    if (isinstance(value, bool) and not result) or not isinstance(value, Real | Decimal):
+        raise ParameterError(f"{name} = {_shown(value)}: must be a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = float("inf")
+    if not (result or isfinite(number)):
+        raise ParameterError(f"{name} = {number}: must be finite")
+    return number
+
+
+def number(name: str, value: Any) -> float:
+    """Return the value of the parameter `name` in its SI unit; see `as_number`."""
+    return as_number(name, value, PARAMETERS[name].units)
+
+
+def _from_text(name: str, text: str, units: str | None) -> float:
+    """Return the number that a text such as "16 deg" tells, in `units`."""
+    size, unit = size_and_unit(text)
     if size is None:
         either = ', or an angle with its unit such as "16 deg"' if units == "rad" else ""
-        raise ParameterError(f"{name} = {value!r}: must be a number{either}")
+        raise ParameterError(f"{name} = {text!r}: must be a number{either}")
     if re.match(r",\d", unit):
-        raise ParameterError(f"{name} = {value!r}: has a decimal comma; give {value.replace(',', '.', 1).strip()}")
-    if unit not in factors:
-        raise ParameterError(
-            f"{name} = {value!r}: the unit must be {'left out' if units == '1' else units_taken(units)}"
-        )
-    return as_number(name, size * factors[unit])
+        raise ParameterError(f"{name} = {text!r}: has a decimal comma; give {text.replace(',', '.', 1).strip()}")
+    return in_units(size, size_of(name, text, unit, units)) if unit else size
 
 
-def _size_and_unit(text: str) -> tuple[float | None, str]:
-    """The number in a text such as "16 deg", and the unit after it."""
-    found = re.fullmatch(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(.*?)\s*", text)
+def size_and_unit(text: str) -> tuple[float | None, str]:
+    """Return the number in a text such as "16 deg", None if there is none, and the unit after it."""
+    found = re.fullmatch(r"\s*([-+−]?[\d.]+(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(.*?)\s*", text)
     try:
-        return (float(found[1]), found[2]) if found else (None, "")
+        return (float(found[1].replace("−", "-")), found[2]) if found else (None, "")
     except ValueError:
         return None, ""
 
 
-def degrees_in(value: Any) -> float | None:
-    """The degrees that a text such as "16 deg" tells, or 0; None of anything else."""
-    if isinstance(value, int | float) and not isinstance(value, bool) and value == 0:
-        return 0.0
-    size, unit = _size_and_unit(value) if isinstance(value, str) else (None, "")
-    return size if unit in DEGREES else None
+def as_numbers(name: str, values: Any, units: str | None = "1", *, result: bool = False) -> np.ndarray:
+    """Return `values` as finite floats in `units`, shape (n,); see `as_number`. A lone number is one value."""
+    if hasattr(values, "__array__") and getattr(values, "ndim", 1) == 1:
+        column = np.atleast_1d(_from_carrier(name, values, units, result))
+    elif isinstance(values, list) and {*map(type, values)} == {float}:
+        column = np.array(values)
+    else:
+        listed = np.asarray(values).tolist() if getattr(values, "ndim", 0) > 1 else values
+        listed = listed if isinstance(listed, list | tuple | range) else [listed]
+        column = np.array([as_number(name, each, units, result=result) for each in listed], dtype=float)
+    if not (result or np.isfinite(column).all()):
+        raise ParameterError(f"{name} = {column[~np.isfinite(column)][0]}: must be finite")
+    return column
 
 
-def units_taken(units: str) -> str:
-    """The units that a value of a quantity may be given in, in words: its own, and another one."""
-    return " or ".join([units, *list(OTHER_UNITS.get(units, {}))[:1]])
+def columns_of(table: Any) -> list[Any]:
+    """Return the columns of a table of numbers, each with what it carries; a lone column is a table, too."""
+    if getattr(table, "ndim", 0) == 2:
+        places = getattr(table, "iloc", table)
+        return [places[:, k] for k in range(table.shape[1])]
+    rows = isinstance(table, list | tuple) and len(table) and isinstance(table[0], list | tuple | np.ndarray)
+    return list(zip(*table, strict=True)) if rows else [table]
 
 
-def as_numbers(name: str, values: Any, read: Callable[[str, Any], float], units: str | None = None) -> np.ndarray:
-    """`values` as finite floats, shape (n,); a lone number is one value.
-
-    Parameters
-    ----------
-    name : str
-    values : array_like
-    read : callable
-        Reads each value that is not in an array of numbers: `as_number` or `number`.
-    units : str, optional
-        See `as_number`.
-
-    Raises
-    ------
-    ParameterError
-    """
-    if hasattr(values, "__array__"):
-        _check_carried(name, values, units)
-        try:
-            values = np.asarray(values)
-        except Exception as error:  # whatever another library says
-            raise ParameterError(f"{name}: cannot be read as numbers ({one_line(error)})") from None
-        values = values if values.dtype.kind in "iuf" and values.ndim == 1 else values.tolist()
-    if isinstance(values, np.ndarray) or (isinstance(values, list) and {*map(type, values)} == {float}):
-        with np.errstate(over="ignore"):  # of longer floats
-            column = np.array(values, dtype=float)
-        if not np.isfinite(column).all():
-            raise ParameterError(f"{name} = {column[~np.isfinite(column)][0]}: must be finite")
-        return column
-    values = values if isinstance(values, list | tuple | range) else [values]
-    return np.array([read(name, value) for value in values], dtype=float)
+def check_labels(columns: Mapping[str, Any]) -> None:
+    """Raise a ParameterError if columns that belong together carry labels, of pandas or xarray, that differ."""
+    known: dict[str, Any] = {}
+    for name, values in columns.items():
+        labels = getattr(values, "index", None)
+        if hasattr(values, "indexes"):  # xarray's
+            labels = values.indexes.get(*values.dims[:1])
+        elif hasattr(values, "get_indexer"):  # an index of pandas is labelled by itself
+            labels = values
+        if hasattr(labels, "equals"):
+            known[name] = labels
+    for name, labels in known.items():
+        first = next(iter(known))
+        if not labels.equals(known[first]):
+            raise ParameterError(f"{name}: has other labels than {first}; align them, or give both without")
 
 
 def check_rtol(rtol: Any) -> float:
@@ -225,7 +297,7 @@ def check_seconds(max_seconds: Any) -> float | None:
     """
     if max_seconds is None:
         return None
-    number = as_number("max_seconds", max_seconds)
+    number = as_number("max_seconds", max_seconds, "s")
     if number <= 0:
         raise ParameterError(f"max_seconds = {number}: must be > 0")
     return min(number, MAX_SECONDS)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.errors import ParameterError, one_line, unknown
-from dimersweep.inputs import number, read_toml
+from dimersweep.inputs import as_number, number, read_toml
 from dimersweep.kernel.model.layout import HARMONICS, N_ROW, ROW, WAVES, Dimer
 from dimersweep.symbols import BASE, ENDS, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, STAND_INS
 
@@ -194,7 +194,7 @@ def spelt_out(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) 
         if parameter in values:
             by = [each for each in (parameter, *STAND_INS) if each in given and each != name]
             raise ParameterError(f"{name}: given together with {by[0]}; leave one of the two out")
-        size, beside = number(name, given[name], quantity.units), BASE | dict(known or {}) | values
+        size, beside = as_number(name, given[name], quantity.units), BASE | dict(known or {}) | values
         needed = {each: beside[each] for each in (("r", *ENDS["r"]) if name == "l" else ("f", "g")) if each in beside}
         for each, value in needed.items():
             if value is None:

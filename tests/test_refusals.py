@@ -84,7 +84,7 @@ WORDS = {
     "MANY": {"start": 0.1, "stop": 0.9, "num": 10_000},
     "AXES": {"f": [1, 3], "e": [0.5, 0.6], "beta0": [0.1, 0.2]},
     "STARTS": {"beta0": ("1 deg", "60 deg"), "phi0": (0.0, 6.28)},
-    "IN_MM": xr.DataArray([0, 1, 2, 3], dims="t", attrs={"units": "mm"}),
+    "IN_KELVIN": xr.DataArray([0, 1, 2, 3], dims="t", attrs={"units": "K"}),
     "STRIP": cube_of([M_DRIFT, M_DRIFT], {"f": [15, 20]}), "POINT": cube_of([M_DRIFT], {"f": [15]}),
     "SMALL": (SWEEPS / "fig07-small.toml").read_text(), "MAP": (SWEEPS / "fig08-small.toml").read_text(),
     **{name.upper(): (DATA / "borders" / f"{name}.toml").read_text() for name in ("curves", "branches", "families")},

@@ -28,7 +28,8 @@ def orbits(
     tell: Printer,
     *,
     spin: Annotated[
-        float | None, number_option("Axial spin (rad/s), of which the orbit is found; else the circles that last.")
+        str | None,
+        option("Axial spin (rad/s, or 1000rpm) of the orbit to find; else the circles that last.", metavar="NUMBER"),
     ] = None,
     follow: Annotated[
         str | None, option("Follow that orbit in a parameter to a value, such as Gamma=1.3.", metavar="NAME=VALUE")

@@ -29,7 +29,9 @@ def simulate(
     ] = None,
     save: Annotated[Path | None, option("File to keep the run in (NetCDF), for load_run.", group=OUTPUT)] = None,
     error: Annotated[bool, option("Print bounds on the errors too, from two more runs.", "--error")] = False,
-    max_seconds: Annotated[float | None, number_option("Bound on the time of the run (s); none by default.")] = None,
+    max_seconds: Annotated[
+        str | None, option("Bound on the time of the run (s, or 5min); none by default.", metavar="NUMBER")
+    ] = None,
     force: Force = False,
     **parameters: Any,
 ) -> None:

@@ -11,9 +11,9 @@ from dimersweep.cubes.cube import names
 from dimersweep.cubes.grid import DIRECTIONS
 from dimersweep.cubes.results import runs
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import number
+from dimersweep.inputs import as_numbers, check_labels, number
 from dimersweep.kernel.model.layout import M_DRIFT, MODES
-from dimersweep.parameters import dimer_from
+from dimersweep.parameters import Parameters, dimer_from
 from dimersweep.symbols import BASE, PARAMETERS
 
 AS_GIVEN = 1e-12  # how near a value counts as the one value of an axis, relative
@@ -381,8 +381,10 @@ def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
     (3.1, 10.0)
     """
     nowhere = Minimum(*[float("nan")] * 4)
+    check_labels({"points": points, "values": values})
+    points, values = as_numbers("points", points, None), as_numbers("values", values, None, result=True)
     order = np.argsort(points)
-    points, values = np.asarray(points)[order], np.asarray(values)[order]
+    points, values = points[order], values[order]
     known = np.flatnonzero(np.isfinite(values))
     x, y = points[known], values[known]
     turns = np.flatnonzero((y[1:-1] <= y[:-2]) & (y[1:-1] <= y[2:])) + 1
@@ -430,6 +432,7 @@ def circle_through(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     >>> round(a, 6), round(b, 6), round(radius, 6)
     (3.0, 4.0, 2.0)
     """
+    x, y = as_numbers("x", x, "m"), as_numbers("y", y, "m")
     a, b, c = np.linalg.lstsq(np.column_stack([2 * x, 2 * y, np.ones(x.size)]), x**2 + y**2)[0]
     return float(a), float(b), float(np.sqrt(c + a * a + b * b))
 
@@ -458,5 +461,5 @@ def stick_ratio(
     (0.239, 0.2, 0.171)
     """
     body = {"A_r": A_r, "r": r, "rho_b": rho_b, "rho_r": rho_r, "D_r": D_r}
-    pair = dimer_from(BASE | body).pair
+    pair = dimer_from(Parameters(**body).given()).pair
     return float(-pair.na_1 / pair.aa)

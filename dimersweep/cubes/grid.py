@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import OTHER_UNITS, as_number, as_numbers, check_count, degrees_in, number, units_taken
+from dimersweep.inputs import as_number, as_numbers, check_count, check_labels, in_units, number, size_and_unit, size_of
 from dimersweep.parameters import check, check_effect, check_name, fill_rows, keeps_rules, reduced, spelt_out
 from dimersweep.symbols import BASE, ENDS, PARAMETERS, START
 
@@ -84,32 +84,27 @@ def _in_ratio(low: float, high: float, count: int) -> np.ndarray:
     return values
 
 
-def _with_units(name: str, value: Any) -> float:
-    return number(name.partition(".")[0], value)
-
-
 def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
     given = dict(declared)
     units = PARAMETERS[name].units
-    bare = "unit" in given
-    unit, spacing = given.pop("unit", units), given.pop("spacing", "linear")
-    degrees = {each: degrees_in(given[each]) for each in ("start", "stop", "step") if each in given}
-    if units == "rad" and not bare and degrees and None not in degrees.values():  # then steps of degrees are meant
-        given, unit, bare = given | degrees, "deg", True
-    read: Reader = partial(as_number, units=unit) if bare else _with_units
+    spacing = given.pop("spacing", "linear")
+    ends = {each: given.get(each) for each in ("start", "stop", "step")}
+    told = {each: size_and_unit(str(end)) for each, end in ends.items() if isinstance(end, str | int | float)}
+    own = {unit for number, unit in told.values() if number != 0}
+    if "unit" not in given and len(own - {""}) == len(own) == 1:  # then steps in this unit are meant
+        given |= {each: number for each, (number, _) in told.items()} | {"unit": own.pop()}
+    unit = given.pop("unit", units)
+    size = size_of(f"{name}.unit", unit, unit, units)
+    read: Reader = partial(as_number, units=unit)
     if spacing not in ("linear", "log"):
         raise ParameterError(f"{name}.spacing = {spacing!r}: must be linear or log")
     if set(given) == {"values"} and spacing == "linear":
-        values = as_numbers(name, given["values"], read, unit)
+        values = as_numbers(name, given["values"], unit)
     elif set(given) == {"start", "stop", "num"} or (set(given) == {"start", "stop", "step"} and spacing == "linear"):
         values = _from_range(name, read, spacing, **given)
     else:
         raise ParameterError(f"{name}: has {', '.join(given) or 'nothing'}; {_FORMS}")
-    if unit in (others := OTHER_UNITS.get(units, {})):
-        return values * others[unit]
-    if unit != units:
-        raise ParameterError(f"{name}.unit = {unit!r}: must be {units_taken(units)}")
-    return values
+    return in_units(values, size)
 
 
 def fixed_value(name: str, value: Any) -> float:
@@ -154,7 +149,7 @@ def axis_values(name: str, declared: Any) -> np.ndarray:
     values = (
         _from_declaration(name, declared)
         if isinstance(declared, Mapping)
-        else as_numbers(name, declared, _with_units, PARAMETERS[name].units)
+        else as_numbers(name, declared, PARAMETERS[name].units)
     )
     if values.size == 0:
         raise ParameterError(f"{name}: the axis is empty; give at least one value")
@@ -385,6 +380,7 @@ def make_points(table: Any, fixed: Mapping[str, Any] | None = None) -> Grid:
         Naming the parameter, its value and what is allowed, and for a rule between two of them the point.
     """
     given = _columns(table)
+    check_labels(given)
     if not given:
         raise ParameterError("points: has no column; give at least one parameter that varies")
     columns, held = laid_out(given, fixed, _column, gaps=PARAMETERS)
@@ -425,7 +421,7 @@ def _column(name: str, values: Any) -> np.ndarray:
     check_name(name)
     if not isinstance(values, list | tuple | range) and getattr(values, "ndim", 0) != 1:
         raise ParameterError(f"{name}: has shape {getattr(values, 'shape', ())}; must be one column")
-    return as_numbers(name, values, number, PARAMETERS[name].units)
+    return as_numbers(name, values, PARAMETERS[name].units)
 
 
 def check_fits(grid: Grid, *, by_blocks: bool) -> None:

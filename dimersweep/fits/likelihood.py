@@ -1,15 +1,14 @@
 """The probability of what was measured, for parameters in given ranges: the orbit is the model."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.fits.measured import MEASURABLE, Measured, pair_of
+from dimersweep.fits.measured import Measured, pair_of
 from dimersweep.fits.tracks import Track
-from dimersweep.inputs import as_number, check_rtol, number
-from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
+from dimersweep.inputs import as_number, as_numbers, check_rtol, number
+from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, units_along
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import Recorder
 from dimersweep.parameters import check, check_effect, check_level, check_name
@@ -64,20 +63,21 @@ class Likelihood:
         self.measured = measured if isinstance(measured, Measured) else Measured.of(measured)
         self.names, self.low, self.high = _ranges(free)
         self.rtol = check_rtol(rtol)
-        self.fixed: dict[str, Any] = dict(parameters)
-        for name in self.fixed:
+        for name in parameters:
             check_name(name)
+        self.fixed = {name: number(name, value) for name, value in parameters.items()}
+        for name, value in self.fixed.items():
             if name in self.names:
                 raise ParameterError(f"{name}: is given and free; leave one of the two out")
-            check({name: number(name, self.fixed[name])})
+            check({name: value})
         check_effect([*self.fixed, *(name for name in self.names if name != "spin")])
         if spin is not None and "spin" in self.names:
             raise ParameterError("spin: is given and free; leave one of the two out")
-        self.spin = None if spin is None else as_number("spin", spin)
+        self.spin = None if spin is None else as_number("spin", spin, units_along("spin"))
         spins = [] if self.spin is None else [self.spin]
         for names, *columns in ((self.names, self.low, self.high), (self.measured.names, self.measured.values)):
             spins += [float(column[names.index("spin")]) for column in columns if "spin" in names]
-        f = self.high[self.names.index("f")] if "f" in self.names else number("f", self.fixed.get("f", BASE["f"]))
+        f = self.high[self.names.index("f")] if "f" in self.names else self.fixed.get("f", BASE["f"])
         for value in spins:
             checked_spin(value, {"f": float(f)})  # at the greatest frequency
         lower = np.linalg.cholesky(self.measured.covariance)
@@ -123,7 +123,7 @@ class Likelihood:
         return self.whitening @ (self.predicted(orbit) - self.measured.values)
 
     def __call__(self, point: np.ndarray) -> float:
-        point = np.asarray(point, dtype=float)
+        point = as_numbers("point", point, result=True)
         if point.shape != self.low.shape:
             raise ParameterError(f"point: must have {self.low.size} values: {', '.join(self.names)}")
         if not ((self.low <= point) & (point <= self.high)).all():
@@ -142,12 +142,9 @@ def _ranges(free: Mapping[str, tuple[float, float]]) -> tuple[tuple[str, ...], n
         raise ParameterError(f"free = {free!r}: must be ranges such as {{'e': (0.5, 0.7)}}")
     rows = []
     for name, pair in free.items():
-        if name != "spin":
-            check_name(name)
+        units = units_along(name)
         both = pair_of(name, pair, "the least and the greatest value")
-        low, high = ends = tuple(
-            number(name, end, MEASURABLE["spin"].units if name == "spin" else None) for end in both
-        )
+        low, high = ends = tuple(as_number(name, end, units) for end in both)
         if low >= high:
             raise ParameterError(f"{name} = ({low:g}, {high:g}): the first must be below the second")
         if name != "spin":

@@ -7,8 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dimersweep.errors import ParameterError, unknown
-from dimersweep.inputs import as_number, as_numbers, number
+from dimersweep.errors import ParameterError, one_line, unknown
+from dimersweep.inputs import as_number, as_numbers, columns_of
 from dimersweep.symbols import QUANTITIES, Quantity
 
 # attributes of an orbit that an experiment can measure
@@ -70,9 +70,7 @@ class Measured:
         if n != len(names) or np.shape(self.values) != (n,) or np.shape(self.covariance) != (n, n):
             raise ParameterError(f"{words}: must be one value and one row of errors each")
         values = np.array([_measured(name, value) for name, value in zip(names, self.values, strict=True)])
-        covariance = np.array(
-            [as_numbers(f"{words}: covariance", row, as_number) for row in np.asarray(self.covariance)]
-        )
+        covariance = np.array([as_numbers(f"{words}: covariance", row) for row in columns_of(self.covariance)])
         variances = np.abs(np.diag(covariance))
         if (np.abs(covariance - covariance.T) > SYMMETRIC * np.sqrt(np.outer(variances, variances))).any():
             raise ParameterError(f"{words}: the covariance must be symmetric")
@@ -103,7 +101,7 @@ class Measured:
             if name not in MEASURABLE:
                 raise ParameterError(unknown(name, "measured quantity", MEASURABLE))
             value, error = pair_of(name, pair, "a value and its error, such as (4.24, 0.02)")
-            pairs.append((_measured(name, value), number(f"error of {name}", error, MEASURABLE[name].units)))
+            pairs.append((_measured(name, value), as_number(f"error of {name}", error, MEASURABLE[name].units)))
             if pairs[-1][1] <= 0:
                 raise ParameterError(f"error of {name} = {pairs[-1][1]:g}: must be > 0")
         values, errors = np.array(pairs).T
@@ -142,7 +140,7 @@ def pair_of(name: str, pair: Any, what: str) -> tuple[Any, Any]:
     in_order = not isinstance(pair, str | bytes | Mapping | Set) and np.iterable(pair)
     values = tuple(pair) if in_order else ()
     if len(values) != 2:
-        raise ParameterError(f"{name} = {pair!r}: must be {what}")
+        raise ParameterError(f"{name} = {one_line(repr(pair))}: must be {what}")
     return values
 
 
@@ -154,7 +152,7 @@ def _measured(name: str, value: Any) -> float:
     ParameterError
     """
     units, _, least, most = MEASURABLE[name]
-    value = number(name, value, units)
+    value = as_number(name, value, units)
     if name in ABOVE_ZERO and value <= 0:
         raise ParameterError(f"{name} = {value:g}: must be > 0")
     if not least <= value <= most:

@@ -6,7 +6,6 @@ against the heading, always. What a track shows of both follows from the orbit: 
 """
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from scipy.special import exprel
 
 from dimersweep.errors import ParameterError
 from dimersweep.fits.measured import Measured
-from dimersweep.inputs import as_number, as_numbers
+from dimersweep.inputs import as_number, as_numbers, check_labels
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.passage import TURN
 
@@ -206,7 +205,8 @@ def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
 def _checked(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[np.ndarray, np.ndarray, float | None]:
     """Times and places x + iy of a track, and the error of a coordinate where it is given."""
     given = (("t", t, "s"), ("x", x, "m"), ("y", y, "m"))
-    times, *places = (as_numbers(name, values, partial(as_number, units=units), units) for name, values, units in given)
+    times, *places = (as_numbers(name, values, units) for name, values, units in given)
+    check_labels({"t": t, "x": x, "y": y})
     for name, values in zip("xy", places, strict=True):
         if values.size != times.size:
             raise ParameterError(f"{name}: has {values.size} values; must have {times.size}, as t has")

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import as_number, as_numbers, number, read_toml
+from dimersweep.inputs import as_numbers, check_labels, columns_of, number, read_toml
 from dimersweep.kernel.model.layout import HARMONICS
 from dimersweep.plots.style import Look, board, ink
 from dimersweep.storage.files import disk_errors, replacing
@@ -75,20 +75,20 @@ class Waveform:
         a: Any,
         f: float | None = None,
         *,
-        axes: Sequence[str] | Mapping[str, str] | None = None,
+        axes: Sequence[str] | Mapping[str, Any] | None = None,
         g: float = BASE["g"],
     ) -> "Waveform":
         """The harmonics in a record of accelerations, by least squares.
 
         Parameters
         ----------
-        t : array_like, shape (n,), or str
-            Times [s], or the name of their column in `a`.
+        t : array_like, shape (n,), or label
+            Times [s], or the label of their column in `a`: a text, a number or a tuple.
         a : array_like, shape (n,) or (n, k), or a table
             Accelerations of the plate [m s-2]; a constant, such as gravity, does not count.
         f : float, optional
             Frequency [Hz] by the clock of the record; by default it is fitted, from the strongest line on.
-        axes : sequence of str, or mapping of str to str, optional
+        axes : sequence of str, or mapping of str to label, optional
             Of each column of `a` its axis, "z", "x" or "y", "z" among them; of a table, of each axis its column. By default
             "z", or the columns of these names.
         g : float
@@ -114,6 +114,7 @@ class Waveform:
         >>> round(found.waves["x"][1][1], 3)
         0.3
         """
+        g = number("g", g)
         t, a, names = _record(t, a, axes)
         n, step = t.size, (t[-1] - t[0]) / (t.size - 1)
         middle = t.mean()
@@ -129,7 +130,7 @@ class Waveform:
         omega, parts, rest, error = _fitted(t - middle, a, 2 * np.pi * fitted, most)
         fitted = omega / (2 * np.pi)
         if f is not None:
-            given = number("f", f, "Hz")
+            given = number("f", f)
             if not abs(given - fitted) * n * step <= DRIFT:
                 raise ParameterError(f"f = {given:g}: that of the record is {fitted:.8g} Hz; leave f out to take it")
             fitted, error = given, 0.0
@@ -200,7 +201,7 @@ class Waveform:
 
     def acceleration(self, cycles: Any, axis: str = "z") -> np.ndarray:
         """Acceleration of the plate along an axis, in g, at times in forcing periods."""
-        angles = 2 * np.pi * np.asarray(cycles, float)
+        angles = 2 * np.pi * as_numbers("cycles", cycles)
         return np.sum([-size * np.sin(k * angles + phase) for k, (size, phase) in self.waves[axis].items()], axis=0)
 
     def plot(self, **look: Unpack[Look]) -> Figure:
@@ -247,28 +248,28 @@ class Waveform:
 def _record(t: Any, a: Any, axes: Any) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """Times, accelerations of shape (n, axes), and the names of the axes, z first."""
     if hasattr(a, "columns") or hasattr(a, "data_vars") or isinstance(a, Mapping):
-        there = [str(name) for name in (a.columns if hasattr(a, "columns") else a)]
-        named = (
-            dict(axes)
-            if isinstance(axes, Mapping)
-            else {name: name for name in (axes or MEASURED_AXES) if axes or name in there}
-        )
-        for column in (*named.values(), *([t] if isinstance(t, str) else [])):
+        there = list(getattr(a, "column_names", getattr(a, "columns", getattr(a, "variables", a))))
+        found = [name for name in MEASURED_AXES if name in there] or ["z"]
+        named = dict(axes) if isinstance(axes, Mapping) else {name: name for name in axes or found}
+        its_time = isinstance(t, str | int) or (isinstance(t, tuple) and t in there)
+        for column in (*named.values(), *([t] if its_time else [])):
             if column not in there:
-                raise ParameterError(f"a: has no column {column} (there are {', '.join(there)})")
-        t = a[t] if isinstance(t, str) else t
+                raise ParameterError(f"a: has no column {column} (there are {', '.join(map(str, there))})")
+        t = a[t] if its_time else t
         columns = [a[column] for column in named.values()]
     else:
-        columns = list(np.atleast_2d(np.asarray(a).T))
+        columns = columns_of(a)
         named = dict.fromkeys(("z",) if axes is None else axes)
     names = list(named)
     if "z" not in names or len(names) != len(columns) or not {*names} <= {*MEASURED_AXES}:
         raise ParameterError(f"axes = {names}: must be one of z, x, y for each column, z among them")
-    times = as_numbers("t", np.asarray(t), as_number)
+    given = {"t": t} | {f"a ({name})": column for name, column in zip(names, columns, strict=True)}
+    check_labels(given)
+    times, *values = (as_numbers(name, each, "s" if name == "t" else "m s-2") for name, each in given.items())
     order = sorted(range(len(names)), key=lambda k: MEASURED_AXES.index(names[k]))
-    values = np.array([as_numbers(f"a ({names[k]})", np.asarray(columns[k]), as_number) for k in order]).T
-    if values.shape[0] != times.size or times.size < 2:
-        raise ParameterError(f"a: has {values.shape[0]} values for {times.size} times")
+    for k in order:
+        if values[k].size != times.size or times.size < 2:
+            raise ParameterError(f"a: has {values[k].size} values for {times.size} times")
     steps = np.diff(times)
     usual = float(np.median(steps))
     wrong = np.flatnonzero((steps <= 0) | (steps > BREAK * usual))
@@ -276,7 +277,7 @@ def _record(t: Any, a: Any, axes: Any) -> tuple[np.ndarray, np.ndarray, list[str
         k = int(wrong[0])
         what = "the times must increase" if steps[k] <= 0 else "the record has a gap there; give one without"
         raise ParameterError(f"t = {times[k + 1]:.9g} after {times[k]:.9g}: {what}")
-    return times, values, [names[k] for k in order]
+    return times, np.column_stack([values[k] for k in order]), [names[k] for k in order]
 
 
 def _strongest(a: np.ndarray, step: float) -> float:

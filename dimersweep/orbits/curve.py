@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.inputs import as_numbers, check_rtol, number
+from dimersweep.inputs import as_numbers, check_rtol
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.continuation import SEARCHING, Between, Q, halved, steps, zero
 from dimersweep.orbits.finding import checked, checked_spin, orbit_at
@@ -337,7 +337,7 @@ def asked(
         check_name(name)
         if name == parameter or name in fixed:
             raise ParameterError(f"{name}: is given twice")
-        axes[name] = as_numbers(name, values, number, PARAMETERS[name].units)
+        axes[name] = as_numbers(name, values, PARAMETERS[name].units)
         if not axes[name].size:
             raise ParameterError(f"over: {name} has no values")
     check_effect({parameter, *axes, *fixed})

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.inputs import check_count, number
+from dimersweep.inputs import as_number, check_count, number
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, PERIOD, PHASE
 from dimersweep.orbits.continuation import halved
 from dimersweep.orbits.finding import centred, checked, first_map, of_run
@@ -21,6 +21,7 @@ from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
+from dimersweep.symbols import PARAMETERS
 
 EDGE_KNOWN = 1e-10  # how well an edge is known, in the unit of its axis
 # change of the strobe in a period, in g/omega^2 and g/omega, of a motion that is near a periodic one
@@ -121,6 +122,7 @@ def edge(
     given: dict[str, Any] = checked(parameters | {axis: between[0]})
     ends = low, high = number(axis, between[0]), number(axis, between[1])
     checked(parameters | {axis: high})
+    within = as_number("within", within, PARAMETERS[axis].units)
     how: dict[str, Any] = {"periods": check_count("periods", periods), "rtol": rtol}
 
     @cache

@@ -13,7 +13,7 @@ import xarray as xr
 from scipy.interpolate import BarycentricInterpolator
 
 from dimersweep.cubes.grid import evenly
-from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.errors import OrbitError, ParameterError, one_line
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, settled_near
 from dimersweep.orbits.following import traced
@@ -96,7 +96,7 @@ def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[floa
     try:
         low, high = spin
     except (TypeError, ValueError):
-        raise ParameterError(f"spin = {spin!r}: must be the least and the greatest spin") from None
+        raise ParameterError(f"spin = {one_line(repr(spin))}: must be the least and the greatest spin") from None
     low, high = checked_spin(low, given), checked_spin(high, given)
     if low >= high:
         raise ParameterError(f"spin = ({low:g}, {high:g}): the first must be below the second")

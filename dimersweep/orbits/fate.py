@@ -98,7 +98,7 @@ def later(family: xr.Dataset | PeriodicOrbit, *, spin: float | None = None, peri
         if not family.stable:
             raise ParameterError("family: is an unstable orbit, along which no motion drifts")
         return _after(family, np.inf if periods == np.inf else as_number("periods", periods))
-    spin, periods = as_number("spin", spin), as_number("periods", periods)
+    spin, periods = as_number("spin", spin, "rad s-1"), as_number("periods", periods)
     family = family.sortby("spin").isel(spin=np.isfinite(family.sortby("spin")["spin_drift"].values))
     spins = family["spin"].values
     if spins.size < 4 or (np.diff(spins) == 0).any():

@@ -20,8 +20,9 @@ from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import SPIN_COORDINATE, TURN, OrbitLost, Recorder, ReturnMap, in_steps
 from dimersweep.orbits.specials import JOINED
-from dimersweep.parameters import Parameters, check_level, check_names, dimer_from, updated, value_of
+from dimersweep.parameters import Parameters, check_level, check_name, check_names, dimer_from, updated, value_of
 from dimersweep.runs.run import Run
+from dimersweep.symbols import PARAMETERS
 
 Start = tuple[ReturnMap, np.ndarray]
 
@@ -120,11 +121,11 @@ def of_run(run: Run, m: ReturnMap, number: int = -1) -> Start:
 
 def find(
     *,
-    spin: float | None = None,
+    spin: float | str | None = None,
     periods: int = 1,
     guess: Run | PeriodicOrbit | None = None,
     rtol: float = RTOL,
-    **parameters: float,
+    **parameters: Any,
 ) -> PeriodicOrbit:
     """The orbit at a given axial spin: a fixed point of the fast part of the return map, stable or not.
 
@@ -217,12 +218,25 @@ def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None
     return given
 
 
-def checked_spin(spin: float | None, given: dict[str, float]) -> float:
+def units_along(name: str) -> str:
+    """Unit of a parameter or of the `spin`, along which orbits are followed.
+
+    Raises
+    ------
+    ParameterError
+        If it is neither.
+    """
+    if name != "spin":
+        check_name(name)
+    return "rad s-1" if name == "spin" else PARAMETERS[name].units
+
+
+def checked_spin(spin: Any, given: dict[str, float]) -> float:
     """An axial spin [rad/s]; by default what a lateral start with `xdot0` rolls up to.
 
     Refuses what is no number, or so fast that no orbit has it.
     """
-    spin = rolled_up(given) if spin is None else as_number("spin", spin)
+    spin = rolled_up(given) if spin is None else as_number("spin", spin, "rad s-1")
     most = MOST_TURNS * TURN * given["f"]
     if abs(spin) > most:
         raise ParameterError(f"spin = {spin:g}: must be at most {most:.3g} rad/s in size")

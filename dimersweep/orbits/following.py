@@ -8,9 +8,10 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import check_count, number
+from dimersweep.inputs import as_number, check_count
 from dimersweep.orbits.branch import Axis, Point, point_of
 from dimersweep.orbits.continuation import FOLLOWING, LOCATED, steps
+from dimersweep.orbits.finding import units_along
 from dimersweep.orbits.kinds import FLIP, Kind, kind_words
 from dimersweep.orbits.manifold import slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve
@@ -18,7 +19,7 @@ from dimersweep.orbits.orbit import Column, PeriodicOrbit, dataset, orbit_of
 from dimersweep.orbits.poincare import OrbitLost, Recorder
 from dimersweep.orbits.specials import Special, doubled, pitchfork_in, specials
 from dimersweep.orbits.stability_end import GAP, beyond_gap, furthest, kind_beyond
-from dimersweep.parameters import check_effect, check_name, value_of
+from dimersweep.parameters import check_effect, value_of
 from dimersweep.symbols import PARAMETERS
 
 BEYOND_SEQUENCE = "word: the orbit does not go on beyond its sequence; the next one found has the sequence"
@@ -166,10 +167,9 @@ def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool
     """The quantity that changes along the branch, its value at the orbit, and where it ends."""
     if not isinstance(orbit, PeriodicOrbit):
         raise ParameterError(f"orbit = {orbit!r}: must be a PeriodicOrbit")
+    to = as_number("to", to, units_along(parameter))
     if parameter != "spin":
-        check_name(parameter)
         check_effect({parameter, *orbit.parameters})
-    to = number("to", to, "rad s-1" if parameter == "spin" else PARAMETERS[parameter].units)
     value = orbit.spin if parameter == "spin" else value_of(parameter, orbit.parameters)
     if sustained and parameter == "spin":
         raise ParameterError("parameter = 'spin': is free on a branch of sustained spins")

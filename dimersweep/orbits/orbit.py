@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import column, fixed_coordinates
-from dimersweep.inputs import check_count
+from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import CODE_WORDS, State
 from dimersweep.orbits.manifold import SlowMotion, multipliers_of, slow_motion_at
 from dimersweep.orbits.newton import Fixed
@@ -205,7 +205,7 @@ class PeriodicOrbit:
         -------
         Run
         """
-        periods = check_count("periods", periods)
+        periods, rtol = check_count("periods", periods), check_rtol(rtol)
         m, recorder = self.fixed.map, self.fixed.map.recorder
         phase = (self.parameters["phi0"] - m.phase) % TURN
         state, _ = m.sampled(self.slow_motion.image.passage, phase)

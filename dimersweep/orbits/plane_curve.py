@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.inputs import check_count, check_switch, number
+from dimersweep.errors import OrbitError, ParameterError, one_line
+from dimersweep.inputs import as_number, check_count, check_switch
 from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.continuation import FOLLOWING, SAME_WAY, steps
 from dimersweep.orbits.curve import Curve, Found, Place, asked
@@ -186,9 +186,12 @@ def border_curve(
     if parameter in fixed:
         raise ParameterError(f"{parameter}: is given twice")
     try:
-        low, high = (number("span", value, PARAMETERS[other].units) for value in span)
+        low, high = span
     except (TypeError, ValueError):
-        raise ParameterError(f"span = {span!r}: must be the least and the greatest value of {other}") from None
+        raise ParameterError(
+            f"span = {one_line(repr(span))}: must be the least and the greatest value of {other}"
+        ) from None
+    low, high = (as_number("span", value, PARAMETERS[other].units) for value in (low, high))
     if not low < high:
         raise ParameterError(f"span = ({low:g}, {high:g}): the first must be below the second")
     middle = 0.5 * (low + high)

@@ -11,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.seen_run import SeenRun, check_shown
+from dimersweep.inputs import as_number, as_numbers
 from dimersweep.parameters import dimer_from
 from dimersweep.plots.style import MODE_COLORS, Look, beyond_round_off, board, ink
 from dimersweep.symbols import STATE_QUANTITIES
@@ -80,7 +81,7 @@ def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
     >>> sorted(rates.data_vars)
     ['beta_rate', 'gamma_rate', 'kind', 'theta_rate']
     """
-    dm = dimer_from(run.parameters)
+    dm, time = dimer_from(run.parameters), as_number("time", time, "s")
     struck = (run.events["time"] == time) & (names(run.events["cause"]) == "impact")
     rows = run.events.isel(event=np.flatnonzero(struck))
     before = run.states(max(0.0, time - 1e-9 * dm.period))
@@ -131,11 +132,12 @@ def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *,
     >>> figure.savefig("portrait.png")
     """
     color = color or ink()
-    shown = (run.events["time"] >= span[0]) & (run.events["time"] < span[1])
+    start, stop = as_numbers("span", span, "s")
+    shown = (run.events["time"] >= start) & (run.events["time"] < stop)
     events = names(run.events.isel(event=np.flatnonzero(shown)))
     jumps = np.unique(events["time"].values[events["cause"].values == "impact"])
-    just_before = np.maximum(span[0], jumps - 1e-9 / run.parameters["f"])
-    states = run.states(np.sort(np.concatenate([np.linspace(*span, 2001), just_before, jumps])))
+    just_before = np.maximum(start, jumps - 1e-9 / run.parameters["f"])
+    states = run.states(np.sort(np.concatenate([np.linspace(start, stop, 2001), just_before, jumps])))
     values = states[angle].values - (0.0 if angle == "beta" else states[angle].values[0])
     rates = states[f"{angle}_rate"].values
     style = np.where(states["contact_state"].values == 0, "-", "--")
@@ -198,7 +200,8 @@ def heights(axes: Axes, run: SeenRun, span: tuple[float, float]) -> None:
     >>> plots.heights(figure.subplots(), run, (3.0, 3.2))
     >>> figure.savefig("heights.png")
     """
-    states = run.states(np.linspace(*span, 2001))
+    start, stop = as_numbers("span", span, "s")
+    states = run.states(np.linspace(start, stop, 2001))
     cycles = states["time"].values * run.parameters["f"]
     plate = states["plate"]
     axes.plot(cycles, 1e3 * (plate + states["gap_2"]), color=ink(), linewidth=1, label="$p_2$")

@@ -14,7 +14,7 @@ import xarray as xr
 
 from dimersweep.cubes.seen_run import check_shown, meanings
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import as_number, as_numbers, check_count
+from dimersweep.inputs import as_numbers, check_count
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import (
     CA,
@@ -278,7 +278,7 @@ class Run(RunNumbers):
             raise ParameterError(
                 f"states: there are none, the run ended before its first smooth phase ({self.message})"
             )
-        times = as_numbers("t", t, as_number, "s")
+        times = as_numbers("t", t, "s")
         states = states_of(record, times).assign_coords(made_with=made_with(self.parameters))
         return states if np.ndim(t) else states.isel(time=0)
 

@@ -9,7 +9,7 @@ import xarray as xr
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import number
+from dimersweep.inputs import as_number
 
 At = Literal["period", "double_impact", "landing_1", "landing_2"]
 SECTIONS: tuple[str, ...] = get_args(At)
@@ -21,7 +21,7 @@ def section_of(run: SeenRun, at: At, phase: float | str | None) -> xr.Dataset:
         raise ParameterError(f"at = {at!r}: must be one of {', '.join(SECTIONS)}")
     if phase is not None and at != "period":
         raise ParameterError(f"phase = {phase}: a section is at a phase, or at = {at!r}")
-    at_phase = None if phase is None else number("phase", phase, "rad")
+    at_phase = None if phase is None else as_number("phase", phase, "rad")
     run.record("section")
     f, before = run.parameters["f"], {}
     if at != "period":

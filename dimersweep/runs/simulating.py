@@ -24,7 +24,7 @@ def simulate(
     rtol: float = 1e-8,
     stop_when_settled: bool = False,
     record: bool = True,
-    max_seconds: float | None = None,
+    max_seconds: float | str | None = None,
     **parameters: Any,
 ) -> Run:
     """Run one dimer on its vibrating plate; the defaults are the paper's base case (Sect. 3).
@@ -47,9 +47,9 @@ def simulate(
     record : bool
         Whether events and states are kept, of at most 100,000 forcing periods; without them a run takes no memory and less
         time. A record of more than 2 million events is cut there, which `Run.events` and a warning say.
-    max_seconds : float, optional
-        Bound on the time that the run takes [s]. One that is stopped so has the status "stopped", the `n_periods` that it
-        came to, and the events and states up to there.
+    max_seconds : float or str, optional
+        Bound on the time that the run takes [s], or such as "5 min". One that is stopped so has the status "stopped", the
+        `n_periods` that it came to, and the events and states up to there.
     **parameters : float or str
         Parameters of the model in SI units, each by its name, as below, or what is given in place of some, see `Parameters`; an
         angle may be a text such as "16 deg", a length one such as "2 mm".

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.errors import ParameterError, unknown
-from dimersweep.inputs import as_number, number
+from dimersweep.inputs import as_number
 from dimersweep.kernel.model.body import dimer_of, rise_at
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, N_STATE, Dimer, State
 from dimersweep.kernel.model.plate import motion
@@ -49,7 +49,7 @@ def start_of(start: Any) -> dict[str, float]:
     for name in start:
         if name not in STATE_QUANTITIES:
             raise ParameterError("start." + unknown(name, "quantity of a state", STATE_QUANTITIES))
-    return {name: number(f"start.{name}", value, STATE_QUANTITIES[name].units) for name, value in start.items()}
+    return {name: as_number(f"start.{name}", value, STATE_QUANTITIES[name].units) for name, value in start.items()}
 
 
 def _one(name: str, variable: Any) -> float:

@@ -213,5 +213,7 @@ def _attribute(name: str, value: Any) -> str | int | float | np.ndarray:
 
 
 def _number(name: str, value: Any) -> int | float:
+    if isinstance(value, str):
+        raise ParameterError
     number = as_number(name, value)
     return int(value) if isinstance(value, Integral) and abs(int(value)) < 2**63 else number

@@ -93,12 +93,13 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
     >>> found["low"].values.round(2).tolist()  # the drift that comes down ends here, and what rests goes on resting
     [0.79]
     """
-    if within is not None and not as_number("within", within) > 0:
-        raise ParameterError(f"within = {within}: must be > 0")
     if not isinstance(cube, xr.Dataset) or cube.sizes.get("direction", 0) != len(DIRECTIONS):
         raise ParameterError("loops: the cube has not both directions; make it with carry='both'")
     configuration = json.loads(cube.attrs["configuration"])
     *_, axis = configuration["grid"]
+    within = None if within is None else as_number("within", within, PARAMETERS[axis].units)
+    if within is not None and not within > 0:
+        raise ParameterError(f"within = {within}: must be > 0")
     cube = cube.sel(direction=[UP, DOWN]).sortby(axis)
     others = [str(name) for name in cube["mode"].dims if name not in ("direction", axis)]
     motions = {

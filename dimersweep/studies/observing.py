@@ -128,7 +128,11 @@ def _field(name: str, told: Any) -> Field:
     if dim == name:  # the cube would have its coordinate there
         raise ParameterError(f"observer: {name}.along.name = {dim!r}: must be another name than that of the variable")
     where = f"observer: {name}.along.values"
-    values = np.arange(check_count(where, values)) if isinstance(values, int) else as_numbers(where, values, as_number)
+    values = (
+        np.arange(check_count(where, values))
+        if isinstance(values, int)
+        else as_numbers(where, values, its_units or "1")
+    )
     label = Quantity(its_units or "1", its_meaning or f"number of the {dim}")
     return Field(name, Quantity(units, meaning), along=Along(dim, np.atleast_1d(values), label))
 
@@ -378,14 +382,16 @@ class OwnObserver(Observer):
         """What it has returned, as it has declared it; raises otherwise."""
         if not isinstance(returned, Mapping):
             raise TypeError(f"returned {type(returned).__name__}, no mapping of names to numbers")
-        shapes = {each.name: each.shape for each in self.declared}
+        fields = {each.name: each for each in self.declared}
         told = {}
         for name, value in returned.items():
-            if name not in shapes:
-                raise ValueError(unknown(name, "variable", shapes))
-            told[name] = np.asarray(value, dtype=float)
-            if told[name].shape != shapes[name]:
-                raise ValueError(f"{name}: has shape {told[name].shape}, and {shapes[name]} was declared")
+            if name not in fields:
+                raise ValueError(unknown(name, "variable", fields))
+            shape, units = fields[name].shape, fields[name].quantity.units
+            if np.shape(value) != shape:
+                raise ValueError(f"{name}: has shape {np.shape(value)}, and {shape} was declared")
+            read = as_numbers if shape else as_number
+            told[name] = np.asarray(read(name, value, units, result=True))
         return told
 
 
