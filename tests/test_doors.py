@@ -15,10 +15,12 @@ from matplotlib.figure import Figure
 
 import dimersweep
 from dimersweep import fits, names, orbits, plots
+from dimersweep.cubes.grid import axis_values
 from dimersweep.errors import ParameterError
 from dimersweep.fits.measured import MEASURABLE
 from dimersweep.inputs import as_number, as_numbers
 from dimersweep.runs.accessor import DatasetAccessor
+from dimersweep.studies.border_files import read_borders
 from dimersweep.symbols import PARAMETERS
 
 TIMES = np.arange(1500) / 1000
@@ -542,3 +544,73 @@ def test_what_an_observer_returns_in_another_kind_of_unit_is_its_error(value):
     RETURNED.values = {"height": value}
     cube = dimersweep.sweep({"Gamma": [0.9]}, observe=given_back, **IN_STATES)
     assert "height = " in str(cube["observer_error"].values[0]) and np.isnan(cube["height"].values[0])
+
+
+# --- what is given in place of parameters ----------------------------------------------------------------------------------
+
+
+def test_a_fit_takes_what_stands_for_parameters():
+    gamma = 1e-3 * (30 * np.pi) ** 2 / 9.81
+    made = fits.Likelihood(SEEN, FREE, A_z="1 mm", l="5 cm", r="4 mm")
+    assert made.fixed == pytest.approx({"Gamma": gamma, "A_r": 7.25, "r": 4e-3})
+    made = fits.Likelihood(SEEN, FREE, harmonics={"f": "900 rpm", "z": {1: (0.9, 0), 2: (0.02, "90 deg")}})
+    assert made.fixed == pytest.approx({"f": 15} | {"Gamma": 0.9, "Gamma_2": 0.02, "phi_2": np.pi / 2} | made.fixed)
+    for free, more, told in (
+        ({"f": (14, 16)}, {"A_z": 1e-3}, "A_z: takes one f, which varies here; give Gamma"),
+        ({"r": (4e-3, 5e-3)}, {"l": 0.05}, "l: takes one r, which varies here; give A_r"),
+        ({"Gamma": (0.8, 1)}, {"A_z": 1e-3}, "Gamma: is given and free; leave one of the two out"),
+        ({"A_z": (1e-3, 2e-3)}, {}, r"A_z: is for single runs and fixed values \(amplitude"),
+    ):
+        with pytest.raises(ParameterError, match=f"^{told}"):
+            fits.Likelihood(SEEN, free, **more)
+
+
+def test_borders_and_edges_take_what_stands_for_parameters_where_it_stays_one_value():
+    how = {"over": {"e": [0.6]}, **AT_104}
+    plain = orbits.border("fold", "Gamma", A_r=7.25, r=4e-3, **how)
+    assert said(orbits.border("fold", "Gamma", l="5 cm", r="4 mm", **how)) == pytest.approx(said(plain), rel=1e-6)
+    for call in (
+        lambda: orbits.border("fold", "Gamma", {"r": ["4 mm", "5 mm"]}, l="5 cm", **AT_104),
+        lambda: orbits.border_curve("fold", "Gamma", "r", span=("4 mm", "5 mm"), l="5 cm", **AT_104),
+        lambda: orbits.edge("r", ("4 mm", "5 mm"), l="5 cm"),
+    ):
+        with pytest.raises(ParameterError, match=r"^l: takes one r, which varies here; give A_r$"):
+            call()
+    with pytest.raises(ParameterError, match=r"^A_z: is for single runs and fixed values \(amplitude"):
+        orbits.edge("A_z", ("1 mm", "2 mm"))
+    waves = {"z": {1: (0.9, 0)}, "x": {1: (1e-3, 0)}}
+    assert orbits.centre_drift(harmonics=waves, **AT_104)[1:] == orbits.centre_drift(Gamma_x=1e-3, **AT_104)[1:]
+
+
+FILE = """
+[borders]
+title = "a"
+output = "b.nc"
+[branches]
+parameter = "r"
+ends = [{}]
+spin = {}
+[fixed]
+{}
+"""
+
+
+def test_a_file_of_borders_takes_units_and_what_stands_for_parameters(empty_folder):
+    told = {}
+    for name, filling in {
+        "plain": ("0.0041", "104.71975511965977", "Gamma = 0.9054682936779225\nf = 15\nmu_s = 0.4"),
+        "units": ('"4.1 mm"', '"1000 rpm"', 'A_z = "1 mm"\nf = "900 rpm"\nmu_s = { value = 40, unit = "%" }'),
+    }.items():
+        (empty_folder / "borders.toml").write_text(FILE.format(*filling))
+        told[name] = read_borders("borders.toml").configuration
+    assert told["units"]["branches"] == told["plain"]["branches"]
+    assert told["units"]["fixed"] == pytest.approx(told["plain"]["fixed"], rel=1e-6)
+
+
+def test_steps_of_an_axis_are_taken_in_the_unit_of_its_texts():
+    axis = axis_values("r", {"start": "1 mm", "stop": "2 mm", "step": "0.1 mm"})
+    assert axis.tolist() == pytest.approx(np.arange(10, 21) / 1e4, rel=1e-15)
+    assert axis_values("beta0", {"start": 0, "stop": "10 deg", "step": "5 deg"}) == pytest.approx(
+        np.radians([0, 5, 10])
+    )
+    assert axis_values("f", {"start": "900 rpm", "stop": 20, "num": 2}).tolist() == [15, 20]

@@ -11,7 +11,7 @@ from dimersweep.inputs import as_number, as_numbers, check_rtol, number
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, units_along
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import Recorder
-from dimersweep.parameters import check, check_effect, check_level, check_name
+from dimersweep.parameters import check, check_effect, check_level, check_names, spelt_out
 from dimersweep.symbols import BASE
 
 
@@ -63,9 +63,9 @@ class Likelihood:
         self.measured = measured if isinstance(measured, Measured) else Measured.of(measured)
         self.names, self.low, self.high = _ranges(free)
         self.rtol = check_rtol(rtol)
-        for name in parameters:
-            check_name(name)
-        self.fixed = {name: number(name, value) for name, value in parameters.items()}
+        check_names(parameters)
+        spelt = spelt_out(parameters, dict.fromkeys(self.names))
+        self.fixed = {name: number(name, value) for name, value in spelt.items()}
         for name, value in self.fixed.items():
             if name in self.names:
                 raise ParameterError(f"{name}: is given and free; leave one of the two out")

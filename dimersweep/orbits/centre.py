@@ -18,7 +18,7 @@ from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at
 from dimersweep.orbits.newton import NEWTON_STEPS
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import TURN, OrbitLost, ReturnMap, singular_lost
-from dimersweep.parameters import NOT_LEVEL, Parameters, updated
+from dimersweep.parameters import NOT_LEVEL, Parameters, spelt_out, updated
 from dimersweep.runs.run import Run
 
 HEADINGS = 17  # at which the swing is solved for; an odd number, so that the highest harmonic has a phase
@@ -142,6 +142,7 @@ def centre_drift(
     >>> round(drift.per_unit, 2), round(drift.direction, 3)
     (11.59, 3.11)
     """
+    parameters = spelt_out(parameters, getattr(guess, "parameters", None))
     level = checked(parameters | dict.fromkeys(NOT_LEVEL, 0.0), guess)
     given = Parameters(**updated({} if guess is None else guess.parameters, parameters)).given()
     name = next((name for name in NOT_LEVEL if given.get(name)), None)

@@ -21,7 +21,7 @@ from dimersweep.orbits.orbit import DOUBLING, Column, PeriodicOrbit, dataset
 from dimersweep.orbits.passage import Sides, far_ends
 from dimersweep.orbits.poincare import OrbitLost, Recorder, ReturnMap
 from dimersweep.orbits.specials import MOST_CHANGES, Special, specials
-from dimersweep.parameters import check_effect, check_name, value_of
+from dimersweep.parameters import check_effect, check_name, spelt_out, value_of
 from dimersweep.symbols import PARAMETERS
 
 STATUS_LENGTH = 100  # of a status at most
@@ -332,6 +332,7 @@ def asked(
     check_name(parameter)
     if not isinstance(over, Mapping) or not over:
         raise ParameterError(f"over = {over!r}: must name at least one parameter with its values")
+    fixed = spelt_out(fixed, dict.fromkeys((parameter, *over)))
     axes = {}
     for name, values in over.items():
         check_name(name)

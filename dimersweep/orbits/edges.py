@@ -19,6 +19,7 @@ from dimersweep.orbits.kinds import FOLD
 from dimersweep.orbits.newton import solve
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
 from dimersweep.orbits.poincare import OrbitLost
+from dimersweep.parameters import check_name, spelt_out
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 from dimersweep.symbols import PARAMETERS
@@ -119,6 +120,8 @@ def edge(
     >>> round(found.value, 3)
     0.267
     """
+    check_name(axis)
+    parameters = spelt_out(parameters, {axis: None})
     given: dict[str, Any] = checked(parameters | {axis: between[0]})
     ends = low, high = number(axis, between[0]), number(axis, between[1])
     checked(parameters | {axis: high})

@@ -13,19 +13,19 @@ from typing import Annotated, Any
 
 import numpy as np
 import xarray as xr
-from pydantic import AfterValidator, BaseModel, ConfigDict
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 
 from dimersweep.cubes.cube import column, without_fill
-from dimersweep.cubes.grid import axis_values, evenly
+from dimersweep.cubes.grid import axis_values, evenly, fixed_value
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
-from dimersweep.inputs import check_count
+from dimersweep.inputs import as_number, check_count
 from dimersweep.kernel import kernel_version
 from dimersweep.orbits.border_grid import border
 from dimersweep.orbits.families import family, spin_range
-from dimersweep.orbits.finding import checked, checked_spin, find
+from dimersweep.orbits.finding import checked, checked_spin, find, units_along
 from dimersweep.orbits.following import follow
 from dimersweep.orbits.kinds import BORDER_KINDS, kind_words
-from dimersweep.parameters import check_name, value_of
+from dimersweep.parameters import check_name, spelt_out, value_of
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.files import delete, disk_errors
 from dimersweep.storage.formats.netcdf import read_netcdf, write_netcdf
@@ -54,6 +54,9 @@ def _distinct(name: str, values: list[Any]) -> list[Any]:
     return values
 
 
+Spin = Annotated[float, BeforeValidator(partial(as_number, "spin", units="rad s-1"))]
+
+
 class Head(BorderFileSection):
     """What is made, and where to."""
 
@@ -66,15 +69,15 @@ class Curves(BorderFileSection):
 
     kinds: Annotated[list[str], AfterValidator(partial(_distinct, "curves.kinds"))]
     parameter: str = "Gamma"
-    spin: float | None = None
+    spin: Spin | None = None
 
 
 class Branches(BorderFileSection):
     """Branches in one parameter from the orbits at each point of `over`, to each of `ends`."""
 
     parameter: str
-    ends: Annotated[list[float], AfterValidator(partial(_distinct, "branches.ends"))]
-    spin: float | None = None
+    ends: list[Any]
+    spin: Spin | None = None
     switch: bool = False
     words: bool = True
     points: Annotated[int, AfterValidator(partial(check_count, "branches.points"))] = 200
@@ -83,7 +86,7 @@ class Branches(BorderFileSection):
 class Families(BorderFileSection):
     """The orbits of all spins, at each point of `over`."""
 
-    spin: tuple[float, float]
+    spin: tuple[Spin, Spin]
     points: Annotated[int, AfterValidator(partial(check_count, "families.points"))] = 50
 
 
@@ -95,7 +98,7 @@ class Borders(BorderFileSection):
     branches: Branches | None = None
     families: Families | None = None
     over: dict[str, Any] = {}
-    fixed: dict[str, float] = {}
+    fixed: dict[str, Any] = {}
 
     @property
     def axes(self) -> dict[str, np.ndarray]:
@@ -140,7 +143,7 @@ def read_borders(path: str | os.PathLike[str]) -> Borders:
 
 
 def _check(declared: Borders) -> None:
-    """Refuse what is wrong with sections that are allowed one by one, such as names given twice, or that change nothing."""
+    """Put values in SI units, and refuse what is wrong with sections together, such as names given twice, or without effect."""
     curves, branches, families = declared.curves, declared.branches, declared.families
     if sum(part is not None for part in (curves, branches, families)) != 1:
         raise ParameterError("must have one of [curves], [branches] and [families]")
@@ -149,6 +152,12 @@ def _check(declared: Borders) -> None:
         for kind in curves.kinds:
             if kind not in BORDER_KINDS:
                 raise ParameterError(f"curves.kinds: {unknown(kind, 'border', BORDER_KINDS)}")
+    varied = [*declared.over, *(part.parameter for part in (curves, branches) if part is not None)]
+    spelt = spelt_out(declared.fixed, dict.fromkeys(varied))
+    declared.fixed = {name: fixed_value(name, value) for name, value in spelt.items()}
+    if branches is not None:
+        units = units_along(branches.parameter)
+        branches.ends = _distinct("branches.ends", [as_number("branches.ends", end, units) for end in branches.ends])
     for section, names in {"over": declared.over, "fixed": declared.fixed}.items():
         for name in names:
             _check_in_section(declared, section, name)
