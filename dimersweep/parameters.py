@@ -1,5 +1,6 @@
 """The parameters of a dimer, its plate and its start: their rules, and one set of them or whole axes, checked."""
 
+import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import make_dataclass
 from math import inf, nextafter, pi
@@ -64,10 +65,18 @@ RULES = (
     Rule("tilt", 'in [0, pi/2) (radians; degrees as "2 deg")', 0, ACUTE),
     Rule("gap0", ">= 0 (the lower end would be below the plate)", 0),
 )
+# beyond these a value is most likely in another unit, such as millimetres or g/cm3
+USUAL = (
+    Rule("r", "at most 0.1 m", most=0.1),
+    Rule("A_r", "at most 100", most=100),
+    Rule("Gamma", "at most 50", most=50),
+    Rule("f", "at most 10000 Hz", most=1e4),
+    Rule("rho_b", "100 to 30000 kg m-3", 100, 3e4),
+)
 
 
 def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
-    """Check every combination of the values in `columns`.
+    """Check every combination of the values in `columns`, and warn of sizes that are not usual.
 
     Parameters
     ----------
@@ -93,11 +102,17 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
         allowed = rule.allowed.format(other, float(others[np.argmin(rule.holds(value, others))]))
         degrees = f" ({np.rad2deg(value):.6g} deg)" if PARAMETERS[name].units == "rad" else ""
         raise ParameterError(f"{name} = {float(value)}{degrees}: must be {allowed}")
+    for rule, name, _ in _rules_for(columns, USUAL):
+        if not np.all(kept := rule.holds(columns[name])):
+            odd = np.atleast_1d(columns[name])[np.argmin(kept)]
+            warnings.warn(
+                f"{name} = {odd:g}: {rule.allowed} is usual; is it in SI units?", RuntimeWarning, stacklevel=2
+            )
 
 
-def _rules_for(columns: Collection[str]) -> Iterator[tuple[Rule, str, str]]:
+def _rules_for(columns: Collection[str], rules: Iterable[Rule] = RULES) -> Iterator[tuple[Rule, str, str]]:
     """Each rule that checks some of the parameters in `columns`, with the names there of its two parameters at each end."""
-    for rule in RULES:
+    for rule in rules:
         if rule.name in HIGHER and rule.name not in columns:
             continue
         both = [tuple(_at_end(k, name, columns) for name in (rule.name, rule.other)) for k in (0, 1)]

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 import dimersweep
 from dimersweep import fits, names, orbits, plots
-from dimersweep.cubes.grid import axis_values
+from dimersweep.cubes.grid import axis_values, make_grid
 from dimersweep.errors import ParameterError
 from dimersweep.fits.measured import MEASURABLE
 from dimersweep.inputs import as_number, as_numbers
@@ -614,3 +614,24 @@ def test_steps_of_an_axis_are_taken_in_the_unit_of_its_texts():
         np.radians([0, 5, 10])
     )
     assert axis_values("f", {"start": "900 rpm", "stop": 20, "num": 2}).tolist() == [15, 20]
+
+
+SIZES = {
+    "r": (4.0, "r = 4: at most 0.1 m is usual; is it in SI units?"),
+    "r_2": (4.0, "r_2 = 4: at most 0.1 m is usual; is it in SI units?"),
+    "Gamma": (60.0, "Gamma = 60: at most 50 is usual; is it in SI units?"),
+    "rho_b": (7.85, "rho_b = 7.85: 100 to 30000 kg m-3 is usual; is it in SI units?"),
+    "l": (50.0, "A_r = 5001: at most 100 is usual; is it in SI units?"),
+}
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_a_size_that_is_most_likely_in_another_unit_is_told(name):
+    value, told = SIZES[name]
+    with pytest.warns(RuntimeWarning) as warned:
+        assert dimersweep.Parameters(**{name: value})
+    assert [str(each.message) for each in warned] == [told]
+    if name != "l":
+        with pytest.warns(RuntimeWarning, match=re.escape(told)):
+            axis = make_grid({name: [value, 1.1 * value]}).axes[name]
+        assert axis[0] == value
