@@ -4,7 +4,7 @@ import re
 import reprlib
 import tomllib
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from datetime import timedelta
 from decimal import Decimal
 from fractions import Fraction
@@ -80,12 +80,7 @@ def size_of(name: str, value: Any, unit: Any, units: str | None) -> Size:
     """Return the size of the unit that a value has, in `units`; 1 where these are None.
 
     A g that is a text is the earth's in an acceleration, and else a gram. A rate of turning is a frequency, too, but no
-    frequency is a rate of turning: some mean turns by it and some radians.
-
-    Raises
-    ------
-    ParameterError
-        If it is of another kind.
+    frequency is a rate of turning: some mean turns by it and some radians. Raise a ParameterError if it is of another kind.
     """
     text = str(unit)
     if units is None or text == units:
@@ -217,6 +212,21 @@ def as_numbers(name: str, values: Any, units: str | None = "1", *, result: bool 
     if not (result or np.isfinite(column).all()):
         raise ParameterError(f"{name} = {column[~np.isfinite(column)][0]}: must be finite")
     return column
+
+
+def pair_of(name: str, pair: Any, what: str) -> tuple[Any, Any]:
+    """Return two values, in their order.
+
+    Raises
+    ------
+    ParameterError
+        If these are none: a text, a set or a mapping has no first and second.
+    """
+    in_order = not isinstance(pair, str | bytes | Mapping | Set) and np.iterable(pair)
+    values = tuple(pair) if in_order else ()
+    if len(values) != 2:
+        raise ParameterError(f"{name} = {_shown(pair)}: must be {what}")
+    return values
 
 
 def columns_of(table: Any) -> list[Any]:

@@ -419,6 +419,8 @@ def _columns(table: Any) -> dict[str, Any]:
 
 def _column(name: str, values: Any) -> np.ndarray:
     check_name(name)
+    if isinstance(values, Mapping):
+        return _from_declaration(name, values)
     if not isinstance(values, list | tuple | range) and getattr(values, "ndim", 0) != 1:
         raise ParameterError(f"{name}: has shape {getattr(values, 'shape', ())}; must be one column")
     return as_numbers(name, values, PARAMETERS[name].units)

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.fits.measured import Measured, pair_of
+from dimersweep.fits.measured import Measured
 from dimersweep.fits.tracks import Track
-from dimersweep.inputs import as_number, as_numbers, check_rtol, number
+from dimersweep.inputs import as_number, as_numbers, check_rtol, number, pair_of
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, units_along
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import Recorder

@@ -1,14 +1,14 @@
 """What was measured of an orbit: some of its quantities, with their errors."""
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Protocol
 
 import numpy as np
 
-from dimersweep.errors import ParameterError, one_line, unknown
-from dimersweep.inputs import as_number, as_numbers, columns_of
+from dimersweep.errors import ParameterError, unknown
+from dimersweep.inputs import as_number, as_numbers, columns_of, pair_of
 from dimersweep.symbols import QUANTITIES, Quantity
 
 # attributes of an orbit that an experiment can measure
@@ -127,21 +127,6 @@ class Measured:
             for name, value, error in rows
         )
         return f"<Measured: {', '.join(words)}>"
-
-
-def pair_of(name: str, pair: Any, what: str) -> tuple[Any, Any]:
-    """Two values, in their order.
-
-    Raises
-    ------
-    ParameterError
-        If these are none: a text, a set or a mapping has no first and second.
-    """
-    in_order = not isinstance(pair, str | bytes | Mapping | Set) and np.iterable(pair)
-    values = tuple(pair) if in_order else ()
-    if len(values) != 2:
-        raise ParameterError(f"{name} = {one_line(repr(pair))}: must be {what}")
-    return values
 
 
 def _measured(name: str, value: Any) -> float:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.inputs import as_number, check_count, number
+from dimersweep.inputs import as_number, check_count, number, pair_of
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, PERIOD, PHASE
 from dimersweep.orbits.continuation import halved
 from dimersweep.orbits.finding import centred, checked, first_map, of_run
@@ -122,8 +122,9 @@ def edge(
     """
     check_name(axis)
     parameters = spelt_out(parameters, {axis: None})
-    given: dict[str, Any] = checked(parameters | {axis: between[0]})
-    ends = low, high = number(axis, between[0]), number(axis, between[1])
+    both = pair_of("between", between, "two values")
+    ends = low, high = number(axis, both[0]), number(axis, both[1])
+    given: dict[str, Any] = checked(parameters | {axis: low})
     checked(parameters | {axis: high})
     within = as_number("within", within, PARAMETERS[axis].units)
     how: dict[str, Any] = {"periods": check_count("periods", periods), "rtol": rtol}

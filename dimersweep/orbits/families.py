@@ -13,8 +13,8 @@ import xarray as xr
 from scipy.interpolate import BarycentricInterpolator
 
 from dimersweep.cubes.grid import evenly
-from dimersweep.errors import OrbitError, ParameterError, one_line
-from dimersweep.inputs import check_count, check_rtol
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.inputs import check_count, check_rtol, pair_of
 from dimersweep.orbits.finding import RTOL, checked, checked_spin, orbit_at, settled_near
 from dimersweep.orbits.following import traced
 from dimersweep.orbits.kinds import FOLD
@@ -93,11 +93,8 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
 
 def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[float, float]:
     """The least and the greatest spin [rad/s]; refuses what is no range of spins."""
-    try:
-        low, high = spin
-    except (TypeError, ValueError):
-        raise ParameterError(f"spin = {one_line(repr(spin))}: must be the least and the greatest spin") from None
-    low, high = checked_spin(low, given), checked_spin(high, given)
+    both = pair_of("spin", spin, "the least and the greatest spin")
+    low, high = (checked_spin(each, given) for each in both)
     if low >= high:
         raise ParameterError(f"spin = ({low:g}, {high:g}): the first must be below the second")
     return low, high

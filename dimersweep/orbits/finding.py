@@ -219,13 +219,7 @@ def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None
 
 
 def units_along(name: str) -> str:
-    """Unit of a parameter or of the `spin`, along which orbits are followed.
-
-    Raises
-    ------
-    ParameterError
-        If it is neither.
-    """
+    """Return the unit of a parameter or of the `spin`; raise a ParameterError if it is neither."""
     if name != "spin":
         check_name(name)
     return "rad s-1" if name == "spin" else PARAMETERS[name].units

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.errors import OrbitError, ParameterError, one_line
-from dimersweep.inputs import as_number, check_count, check_switch
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.inputs import as_number, check_count, check_switch, pair_of
 from dimersweep.orbits.branch import Axis
 from dimersweep.orbits.continuation import FOLLOWING, SAME_WAY, steps
 from dimersweep.orbits.curve import Curve, Found, Place, asked
@@ -185,13 +185,8 @@ def border_curve(
     check_name(other)
     if parameter in fixed:
         raise ParameterError(f"{parameter}: is given twice")
-    try:
-        low, high = span
-    except (TypeError, ValueError):
-        raise ParameterError(
-            f"span = {one_line(repr(span))}: must be the least and the greatest value of {other}"
-        ) from None
-    low, high = (as_number("span", value, PARAMETERS[other].units) for value in (low, high))
+    both = pair_of("span", span, f"the least and the greatest value of {other}")
+    low, high = (as_number("span", value, PARAMETERS[other].units) for value in both)
     if not low < high:
         raise ParameterError(f"span = ({low:g}, {high:g}): the first must be below the second")
     middle = 0.5 * (low + high)

@@ -128,12 +128,9 @@ def _field(name: str, told: Any) -> Field:
     if dim == name:  # the cube would have its coordinate there
         raise ParameterError(f"observer: {name}.along.name = {dim!r}: must be another name than that of the variable")
     where = f"observer: {name}.along.values"
-    values = (
-        np.arange(check_count(where, values))
-        if isinstance(values, int)
-        else as_numbers(where, values, its_units or "1")
-    )
-    label = Quantity(its_units or "1", its_meaning or f"number of the {dim}")
+    unit = its_units or "1"
+    values = np.arange(check_count(where, values)) if isinstance(values, int) else as_numbers(where, values, unit)
+    label = Quantity(unit, its_meaning or f"number of the {dim}")
     return Field(name, Quantity(units, meaning), along=Along(dim, np.atleast_1d(values), label))
 
 

@@ -44,7 +44,7 @@ def point_table(
     for name, value in drawn.items():
         if value is not None:
             raise ParameterError(f"points.{name} = {value!r}: is for points that are drawn from points.ranges")
-    return _read(file) if file is not None else {name: _column(values) for name, values in columns.items()}
+    return dict(columns) if file is None else _read(file)
 
 
 def draw_points(
@@ -108,15 +108,6 @@ def _between(low: float, high: float, by_ratio: bool, share: np.ndarray) -> np.n
         first = Decimal(low)
         log = (Decimal(high) / first).ln()
         return np.fromiter((first * (log * Decimal(at)).exp() for at in share.tolist()), float, share.size)
-
-
-def _column(declared: Any) -> Any:
-    """The values of a listed column; a unit stands beside each of them."""
-    if not isinstance(declared, Mapping):
-        return declared
-    if declared.keys() != {"values", "unit"} or not isinstance(declared["values"], list):
-        raise ParameterError("points.columns: give a list, or values and unit")
-    return [f"{value} {declared['unit']}" for value in declared["values"]]
 
 
 def _read(file: str) -> dict[str, list[str]]:
