@@ -1,6 +1,7 @@
 """The plate as a sum of harmonics: runs of it, what is given in its place, and waveforms from records of accelerations."""
 
 import json
+import re
 from math import pi
 
 import numpy as np
@@ -176,6 +177,184 @@ def test_the_plate_of_a_waveform_moves_as_the_record():
         np.testing.assert_allclose(found.acceleration(cycles + shift, axis), (a[:200, k] - 9.81) / 9.81, atol=1e-6)
 
 
+def line(f, sizes, t, seed=0, noise=0.01):
+    """Accelerations [m s-2] of a plate with harmonics of these sizes, under gravity, with noise in units of g."""
+    turns = 2 * pi * f * t
+    noises = noise * np.random.default_rng(seed).normal(size=t.size)
+    return 9.81 * (1 - sum(size * np.sin(k * turns + k) for k, size in enumerate(sizes, start=1)) + noises)
+
+
+EVEN = np.arange(20_000) / 1000  # 20 s at 1 kHz
+
+
+@pytest.mark.parametrize(
+    ("sizes", "other", "f"),
+    [
+        ([0.5, 0.6], 0.0, None),  # a second harmonic that is stronger than the first one
+        ([0.5, 0.6], 0.0, 15.0),
+        ([0.5], 50.0, None),  # the mains
+        ([0.9, 0.02], 60.0, None),
+        ([0.5], 41.3, 15.0),  # of no reason to be the weaker one, but given
+    ],
+)
+def test_the_shakers_line_is_found_beside_stronger_ones(sizes, other, f):
+    a = line(15.0, sizes, EVEN) + 9.81 * 0.6 * (other > 0) * np.sin(2 * pi * other * EVEN)
+    found = Waveform.fit(EVEN, a, f)
+    assert found.f == pytest.approx(15.0, abs=1e-5)
+    if other % 15:
+        assert [round(each, 3) for each in found.others] == [other]
+        assert found.others[next(iter(found.others))]["z"] == pytest.approx(0.6, abs=1e-3)
+    else:  # it is a harmonic, too
+        assert found.others == {} and (other == 0 or 4 in found.waves["z"])
+    for k, size in enumerate(sizes, start=1):
+        assert abs(found.waves["z"][k][0] - size) < 4 * found.errors["z"][k][0]
+
+
+def test_a_line_across_the_plate_is_not_the_shakers():
+    a = np.column_stack([line(15.0, [0.9], EVEN), 20 * np.sin(2 * pi * 22.3 * EVEN)])
+    found = Waveform.fit(EVEN, a, axes=("z", "x"))
+    assert found.f == pytest.approx(15.0, abs=1e-5) and found.waves["z"][1][0] == pytest.approx(0.9, abs=1e-3)
+    assert [round(each, 3) for each in found.others] == [22.3] and "another line at 22.3 Hz: 2 g" in repr(found)
+
+
+@pytest.mark.parametrize("rate", [667, 800, 952, 3200])
+@pytest.mark.parametrize("stamp", [lambda t: np.round(t, 3), lambda t: np.floor(1000 * t) / 1000 + 1.7e9])
+def test_times_in_whole_milliseconds_are_those_of_an_even_clock(rate, stamp):
+    t = np.arange(20 * rate) / rate
+    found = Waveform.fit(stamp(t), line(15.0, [0.9, 0.03], t))
+    assert abs(found.f - 15.0) < 4 * found.errors["f"] < 4e-4
+    assert list(found.waves["z"]) == [1, 2] and found.rest["z"] == pytest.approx(0.01, rel=0.05)
+
+
+@pytest.mark.parametrize("places", [9, 3])
+def test_samples_that_are_missing_and_steps_that_jitter_do_no_harm(places):
+    rng, t = np.random.default_rng(2), np.arange(13_340) / 667
+    keep = rng.random(t.size) > 0.02
+    found = Waveform.fit(np.round(t, places)[keep], line(15.0, [0.9, 0.03], t)[keep])
+    assert abs(found.f - 15.0) < 4 * found.errors["f"] < 4e-4 and found.rest["z"] == pytest.approx(0.01, rel=0.05)
+    t = np.cumsum(rng.uniform(0.8, 1.2, t.size)) / 667
+    found = Waveform.fit(t, line(15.0, [0.9, 0.03], t))
+    assert abs(found.f - 15.0) < 4 * found.errors["f"] < 4e-4 and list(found.waves["z"]) == [1, 2]
+
+
+def whirling(turns, size=0.9):
+    return 9.81 * (size * np.sin(2 * pi * turns) + 0.005 * np.random.default_rng(1).normal(size=EVEN.size))
+
+
+@pytest.mark.parametrize(
+    ("a", "told"),
+    [
+        (whirling(15 * EVEN, 0.9 * (EVEN < 12.3)), r"the line at 15 Hz stops at t = 12\.[1-4]\d\d s"),
+        (whirling(15 * EVEN, 0.9 * (EVEN > 5)), r"the line at 15 Hz begins at t = [45]\.\d+ s"),
+        (
+            whirling(15 * EVEN, 0.9 * np.clip(EVEN - 2, 0, 1) * np.clip(18 - EVEN, 0, 1)),
+            r"the line at 15 Hz begins at t = 2\.\d+ s and stops at t = 17\.\d+ s",
+        ),
+        (
+            whirling(15 * EVEN + 0.05 * np.maximum(EVEN - 9, 0)),
+            r"the line at 15\.0\d+ Hz has 15 Hz before t = [89]\.\d+ s and 15\.0\d+ Hz after",
+        ),
+        (whirling(15 * EVEN + 5 * np.maximum(EVEN - 12, 0)), r"the line at 1[45]\.?\d* Hz stops at t = 1[12]\.\d+ s"),
+        (
+            whirling(15 * EVEN + 0.02 * EVEN**2),
+            r"the line at 15\.\d+ Hz has 15\.[12]\d* Hz before t = \d+\.\d+ s and 15\.[56]\d* Hz after",
+        ),
+        (
+            whirling(15 * EVEN, 0.6 + 0.03 * EVEN),
+            r"the line at 15 Hz has 5\.9\d* m/s2 at t = 0\.\d+ s and 11\.7\d* m/s2 at t = 19\.\d+ s",
+        ),
+    ],
+)
+def test_a_line_that_does_not_stay_the_same_is_told(a, told):
+    with pytest.raises(ParameterError, match=rf"^a \(z\): {told}; give a part in which it stays the same$"):
+        Waveform.fit(EVEN, a)
+
+
+@pytest.mark.parametrize("drift", [3 * EVEN, 50 * np.exp(-EVEN / 3), 50 * np.exp(-EVEN / 0.3)])
+def test_a_drift_is_no_harmonic(drift):
+    found = Waveform.fit(EVEN, line(15.0, [0.9, 0.03], EVEN) + drift)
+    assert list(found.waves["z"]) == [1, 2] and found.rest["z"] == pytest.approx(0.01, rel=0.05)
+    for k, size in ((1, 0.9), (2, 0.03)):
+        assert abs(found.waves["z"][k][0] - size) < 4 * found.errors["z"][k][0] < 1e-3
+
+
+def test_a_small_change_of_the_amplitude_is_told_and_no_harm():
+    found = Waveform.fit(EVEN, line(15.0, [0.9], EVEN) * (1 + 0.004 * EVEN))
+    assert re.fullmatch(
+        r"the line at 15 Hz has 8\.8\d* m/s2 at t = \S+ s and 9\.5\d* m/s2 at t = \S+ s", found.notes[-1]
+    )
+    assert Waveform.fit(EVEN, line(15.0, [0.9], EVEN)).notes == ()
+
+
+@pytest.mark.parametrize(
+    ("a", "told"),
+    [
+        (np.full(EVEN.size, 9.81), r"has no line, as the acceleration of a shaker has"),
+        (line(15.0, [0.0], EVEN, noise=1.0), r"has no line, as the acceleration of a shaker has"),
+        (
+            line(15.0, [0.1], EVEN, noise=0.1),
+            r"0\.\d+ g are left beside the lines, as much as that at 15(\.\d+)? Hz has; must be less",
+        ),
+    ],
+)
+def test_a_record_of_noise_is_refused(a, told):
+    with pytest.raises(ParameterError, match=rf"^a \(z\): {told}$"):
+        Waveform.fit(EVEN, a)
+
+
+def test_an_accelerometer_that_is_upside_down_lies_on_its_side_or_clips_is_told():
+    upright = line(15.0, [1.2, 0.05], EVEN)
+    found, expected = Waveform.fit(EVEN, -upright), Waveform.fit(EVEN, upright)
+    assert found.waves == expected.waves and expected.notes == ()
+    assert found.notes == ("z: the mean is -9.81 m/s2, so the accelerometer was upside down; z is turned over",)
+    sideways = np.column_stack([line(15.0, [0.9], EVEN) - 9.81, np.full(EVEN.size, 9.81) + 0.01 * EVEN])
+    assert Waveform.fit(EVEN, sideways, axes=("z", "x")).notes[0].endswith(": gravity is along x")
+    assert Waveform.fit(EVEN, upright / 9.81).notes == ("z: the mean is 1 m/s2; of a record in units of g, g is 1",)
+    assert Waveform.fit(EVEN, upright / 9.81, g=1).waves["z"][1][0] == pytest.approx(1.2, abs=1e-3)
+    quantum = 4 * 9.81 / 4096  # of 12 bits over +-2 g
+    fine = np.round(upright / quantum) * quantum
+    assert Waveform.fit(EVEN, fine).notes == ()
+    cut = Waveform.fit(EVEN, np.clip(fine, -19.62, 19.62)).notes
+    assert len(cut) == 1 and re.fullmatch(r"z: 1\d\.\d+% of the values are 19\.62 m/s2: its peaks are cut", cut[0])
+
+
+def test_quantisation_that_repeats_each_period_makes_no_harmonics():
+    quantum = 4 * 9.81 / 4096
+    found = Waveform.fit(EVEN, np.round(line(20.0, [0.9, 0.03], EVEN, noise=0.0) / quantum) * quantum)
+    assert list(found.waves["z"]) == [1, 2]
+    assert abs(found.waves["z"][2][0] - 0.03) < 3 * found.errors["z"][2][0]
+
+
+@pytest.mark.parametrize("kind", ["white", "1/f", "jitter", "random walk of the clock"])
+def test_errors_of_frequency_amplitudes_and_phases_are_right_for_each_kind_of_noise(kind):
+    """Of 40 records: the deviations have about their errors, and hardly one is beyond three of them."""
+    t, off = np.arange(8000) / 800, []
+    for seed in range(40):
+        rng = np.random.default_rng([seed, 3])
+        noise = rng.normal(size=2 * t.size)
+        if kind == "1/f":
+            noise = np.fft.irfft(np.fft.rfft(noise) / np.sqrt(np.maximum(np.arange(t.size + 1), 1))) * 10
+        moved = {"jitter": 5e-5 * noise[: t.size], "random walk of the clock": 2e-6 * np.cumsum(noise[: t.size])}
+        f, phase = 15 + rng.uniform(-0.5, 0.5), rng.uniform(0, 2 * pi)
+        angle = 2 * pi * f * (t + moved.get(kind, 0.0))
+        a = -0.9 * np.sin(angle) - 0.03 * np.sin(2 * angle + phase) + 0.002 * noise[: t.size] * (kind not in moved)
+        found = Waveform.fit(t, 9.81 * a + 1e-3 * rng.normal(size=t.size))
+        (size, _), (second, turned) = found.waves["z"][1], found.waves["z"][2]
+        (error, _), (second_error, turned_error) = found.errors["z"][1], found.errors["z"][2]
+        turn = (turned - phase + pi) % (2 * pi) - pi
+        off.append(
+            [
+                (found.f - f) / found.errors["f"],
+                (size - 0.9) / error,
+                (second - 0.03) / second_error,
+                turn / turned_error,
+            ]
+        )
+    assert (np.abs(off) > 3).sum() <= 2
+    spread = np.sqrt(np.mean(np.square(off), axis=0))
+    assert (spread < 1.35).all() and (kind not in ("white", "1/f", "jitter") or (spread > 0.7).all())
+
+
 def wrong(**how):
     t, a = record(**({"f": 15.0, "waves": {"z": {1: (0.9, 0.0)}}, "rate": 2e3} | how))
     return t, a[:, 0]
@@ -198,10 +377,8 @@ def test_a_record_that_does_not_do_is_told(t, a, f, told):
 def test_a_record_with_a_gap_is_told():
     t, a = wrong()
     keep = np.ones(t.size, bool)
-    keep[5000:5010] = False
-    with pytest.raises(
-        ParameterError, match=r"^t = 2\.505 after 2\.4995: the record has a gap there; give one without$"
-    ):
+    keep[5000:5200] = False
+    with pytest.raises(ParameterError, match=r"^t = 2\.6 after 2\.4995: the record has a gap there; give one without$"):
         Waveform.fit(t[keep], a[keep])
     with pytest.raises(ParameterError, match=r"^a \(z\) = nan: must be finite$"):
         Waveform.fit(t, np.where(t == t[3], np.nan, a))

@@ -8,8 +8,21 @@ from typing import Any, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.signal import detrend
 
 from dimersweep.errors import ParameterError
+from dimersweep.fits.lines import (
+    NEAR,
+    SMALL,
+    Periodic,
+    changes,
+    densities,
+    fitted,
+    on_a_grid,
+    peaks,
+    trend,
+    without_others,
+)
 from dimersweep.inputs import as_numbers, check_labels, columns_of, number, read_toml
 from dimersweep.kernel.model.layout import HARMONICS
 from dimersweep.plots.style import Look, board, ink
@@ -21,11 +34,16 @@ Waves = dict[str, dict[int, tuple[float, float]]]
 MEASURED_AXES = ("z", "x", "y")
 LEAST_PERIODS = 20  # of a record: fewer do not tell the harmonics from what lies between them
 PER_PERIOD = 2.5  # samples in a period of the highest harmonic, at least
-BREAK = 1.5  # step of the times, over the median one, from which it is a gap
-BINS = 20  # of the spectrum on each side of a harmonic, whose mean is the noise there
+GAP = 0.5  # periods without a sample, from which the record has a gap
 SURE = 4.0  # errors above which a harmonic is kept
-DRIFT = 0.25  # cycles by which a frequency that is given may be off over the record
-STEPS, SETTLED = 20, 1e-12  # of Gauss and Newton for the frequency, and the last of them, in units of it
+DRIFT, ASIDE = 0.25, 0.02  # by which a frequency that is given may be off: cycles over the record; to look for its line
+SHARE = 0.1  # of the strongest line, from which one may be the shaker's
+MAINS, MAINS_OFF = (50.0, 60.0), 0.3  # Hz, and by how much they and the clock of a record are off
+UPRIGHT = 0.2  # of g, by which the mean of an axis along gravity may be off
+CUT, LEAST_CUT = 2.0, 20  # samples at the end of a range if it is clipped: times as many as of a sine, and how many
+SLOW, REDDER = 3, 4.0  # slowest waves of a phase, that are so much greater than the fast ones if a clock wanders
+WALK = 8.0  # twice the 4.0 that a random walk of the phase has over their squares: three of them tell it to 40 % only
+SHOWN = 4  # other lines that are printed
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +63,10 @@ class Waveform:
         Of each axis what of the record is not periodic, over all of it: root mean square [1]. Constants do not count.
     spectrum : tuple of ndarray
         Frequencies [Hz], and for each axis the spectral density of the record and of its rest [g Hz-1/2], shape (2, axes, m).
+    others : dict
+        Further lines in the record, the strongest first: by frequency [Hz], of each axis their amplitude [1].
+    notes : tuple of str
+        In words, what else is to be known: an accelerometer upside down, peaks that are cut, a line that changes.
 
     Examples
     --------
@@ -62,6 +84,8 @@ class Waveform:
     errors: dict[str, Any] = field(default_factory=dict)
     rest: dict[str, float] = field(default_factory=dict)
     spectrum: tuple[np.ndarray, np.ndarray] | None = None
+    others: dict[float, dict[str, float]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @property
     def harmonics(self) -> dict[str, Any]:
@@ -116,32 +140,43 @@ class Waveform:
         """
         g = number("g", g)
         t, a, names = _record(t, a, axes)
-        n, step = t.size, (t[-1] - t[0]) / (t.size - 1)
-        middle = t.mean()
-        fitted = _strongest(a, step)
-        least = (LEAST_PERIODS - 0.5) / (n * step)
-        if fitted < least:
+        given = None if f is None else number("f", f)
+        begin, (t, pace) = float(t.mean()), on_a_grid(t)
+        t -= t.mean()
+        notes = _seen(a, names, g)
+        quanta = np.array([np.diff(np.unique(each)).min(initial=np.inf) for each in a.T])
+        start, strongest, most = _start(t, a, given, begin)
+        found = fitted(t, detrend(a, axis=0), 2 * np.pi * start, most)
+        a = a - trend(t, found.taken_from(t, a), 1 / start)
+        found = fitted(t, a, found.omega, most)
+        rest = found.taken_from(t, a)
+        notes += filter(None, [changes(t, rest, found, begin)])
+        clean, others = without_others(t, a, rest, found)
+        found = fitted(t, clean, found.omega, most)
+        if given is not None:
+            if not abs(given - found.f) * np.ptp(t) <= DRIFT:
+                raise ParameterError(f"f = {given:g}: that of the record is {strongest:.8g} Hz; leave f out to take it")
+            found = fitted(t, clean, 2 * np.pi * given, most, free=False)
+        rest, first = found.taken_from(t, clean), 2 * abs(found.parts[1, 0])
+        if (noise := float(rest[:, 0].std())) >= first / 2**0.5:
             raise ParameterError(
-                f"t: the record holds {fitted * n * step:.3g} periods; must be at least {LEAST_PERIODS}"
+                f"a (z): {noise / g:.3g} g are left beside the lines, as much as that at {found.f:.6g} Hz has; "
+                f"must be less{''.join(f'; {note}' for note in notes)}"
             )
-        most = min(HARMONICS, int(1 / (PER_PERIOD * step * fitted)))
-        if most < 2:
-            raise ParameterError(f"t: {1 / (step * fitted):.3g} samples a period; must be at least {2 * PER_PERIOD:g}")
-        omega, parts, rest, error = _fitted(t - middle, a, 2 * np.pi * fitted, most)
-        fitted = omega / (2 * np.pi)
-        if f is not None:
-            given = number("f", f)
-            if not abs(given - fitted) * n * step <= DRIFT:
-                raise ParameterError(f"f = {given:g}: that of the record is {fitted:.8g} Hz; leave f out to take it")
-            fitted, error = given, 0.0
-            parts, rest = _least_squares(t - middle, a, 2 * np.pi * fitted, most)
-        window = np.hanning(n)[:, None]  # so that a line does not hide what is beside it
-        scale = np.sqrt(2 * step / (window**2).sum()) / g
-        density = [np.abs(np.fft.rfft(window * each, axis=0)) * scale for each in (a - a.mean(axis=0), rest)]
-        waves, errors = _waves(parts, names, g, density[1] / np.sqrt(n * step), n * step * fitted)
-        left = {name: float(np.sqrt((rest[:, k] ** 2).mean()) / g) for k, name in enumerate(names)}
-        spectrum = np.fft.rfftfreq(n, step), np.moveaxis(np.array(density), 1, 2)
-        return cls(fitted, waves, {**errors, "f": error / (2 * np.pi)}, left, spectrum)
+        # without noise the error of quantisation is the same in each period
+        coarse = np.where(2 * rest.std(axis=0) < quanta, quanta * np.sqrt(found.f * np.ptp(t) / t.size / 6), 0.0)
+        waves, errors = _waves(found, t, rest, coarse / g, names, g)
+        rest = found.taken_from(t, a)
+        (frequencies, whole), (_, part) = (densities(t, each) for each in (a, rest))
+        return cls(
+            found.f if given is None else given,
+            waves,
+            errors | {"f": float(np.hypot(errors["f"], pace * found.f)) if given is None else 0.0},
+            dict(zip(names, (rest.std(axis=0) / g).tolist(), strict=True)),
+            (frequencies, np.array([whole, part]) / g),
+            {line.f: dict(zip(names, np.abs(2 * line.parts[1] / g).tolist(), strict=True)) for line in others},
+            tuple(notes),
+        )
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Waveform":
@@ -242,6 +277,10 @@ class Waveform:
         for axis, wave in self.waves.items():
             words += [f"{axis}{k}: {size:.4g} at {phase:.3g} rad" for k, (size, phase) in wave.items()]
         words += [f"not periodic along {axis}: {rest:.2g} g" for axis, rest in self.rest.items()]
+        words += [
+            f"another line at {f:.6g} Hz: {max(sizes.values()):.2g} g" for f, sizes in list(self.others.items())[:SHOWN]
+        ]
+        words += self.notes
         return f"<Waveform: {', '.join(words)}>"
 
 
@@ -270,81 +309,96 @@ def _record(t: Any, a: Any, axes: Any) -> tuple[np.ndarray, np.ndarray, list[str
     for k in order:
         if values[k].size != times.size or times.size < 2:
             raise ParameterError(f"a: has {values[k].size} values for {times.size} times")
-    steps = np.diff(times)
-    usual = float(np.median(steps))
-    wrong = np.flatnonzero((steps <= 0) | (steps > BREAK * usual))
-    if wrong.size:
-        k = int(wrong[0])
-        what = "the times must increase" if steps[k] <= 0 else "the record has a gap there; give one without"
-        raise ParameterError(f"t = {times[k + 1]:.9g} after {times[k]:.9g}: {what}")
     return times, np.column_stack([values[k] for k in order]), [names[k] for k in order]
 
 
-def _strongest(a: np.ndarray, step: float) -> float:
-    """Frequency of the strongest line [Hz], to a small part of a bin."""
-    window = np.hanning(len(a))[:, None]
-    power = (np.abs(np.fft.rfft((a - a.mean(axis=0)) * window, axis=0)) ** 2).sum(axis=1)
-    k = int(power[1:-1].argmax()) + 1
-    low, here, high = np.log(np.maximum(power[k - 1 : k + 2], 1e-300))
-    return float((k + 0.5 * (low - high) / (low - 2 * here + high or -1.0)) / (len(a) * step))
+def _start(t: np.ndarray, a: np.ndarray, given: float | None, begin: float) -> tuple[float, float, int]:
+    """Return the frequency to start from [Hz], that of the shaker, and how many harmonics a record shows.
+
+    Of the lines along z the shaker's is the one, not of the mains, that has most of the others as harmonics; of several the one
+    of the greatest velocity.
+    """
+    lines, sizes = peaks(t, detrend(a[:, :1], axis=0))
+    lines, sizes = (each[sizes > SMALL**2 * np.abs(a[:, 0]).max()] for each in (lines, sizes))
+    if not lines.size:
+        raise ParameterError("a (z): has no line, as the acceleration of a shaker has")
+    strong = lines[sizes >= SHARE * sizes[0]]
+    orders = np.rint(np.divide.outer(strong, strong))  # of each line on each
+    harmonic = (np.abs(strong[:, None] - orders * strong) * np.ptp(t) < 0.5) & (orders >= 1) & (orders <= HARMONICS)
+    mains = np.abs(np.subtract.outer(strong, MAINS)).min(axis=1) < MAINS_OFF
+    shaker = start = max(zip(~mains, harmonic.sum(axis=0), sizes[: strong.size] / strong, strong, strict=True))[-1]
+    if given is not None:
+        near = lines[np.abs(lines - given) < max(ASIDE * given, NEAR / np.ptp(t))]
+        start = near[0] if near.size else shaker
+    step, gap = float(np.median(np.diff(t))), int(np.diff(t).argmax())
+    if (periods := start * (np.ptp(t) + step)) < LEAST_PERIODS - 0.5:
+        raise ParameterError(f"t: the record holds {periods:.3g} periods; must be at least {LEAST_PERIODS}")
+    if (most := min(HARMONICS, int(1 / (PER_PERIOD * step * start)))) < 2:
+        raise ParameterError(f"t: {1 / (step * start):.3g} samples a period; must be at least {2 * PER_PERIOD:g}")
+    if t[gap + 1] - t[gap] > GAP / start:
+        ends = f"t = {begin + t[gap + 1]:.13g} after {begin + t[gap]:.13g}"
+        raise ParameterError(f"{ends}: the record has a gap there; give one without")
+    return float(start), float(shaker), most
 
 
-def _design(t: np.ndarray, omega: float, most: int) -> np.ndarray:
-    angles = omega * np.multiply.outer(t, np.arange(1, most + 1))
-    return np.column_stack([np.ones_like(t), np.sin(angles), np.cos(angles)])
-
-
-def _least_squares(t: np.ndarray, a: np.ndarray, omega: float, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Parts of sine and cosine of each harmonic, shape (2, harmonics, axes), and what is left of the record."""
-    design = _design(t, omega, most)
-    parts = np.linalg.solve(design.T @ design, design.T @ a)
-    return parts[1:].reshape(2, most, -1), a - design @ parts
-
-
-def _fitted(t: np.ndarray, a: np.ndarray, omega: float, most: int) -> tuple[float, np.ndarray, np.ndarray, float]:
-    """Angular frequency, parts, rest and the error of the frequency, by Gauss and Newton; times count from their middle."""
-    orders = np.arange(1, most + 1)[:, None]
-    for _ in range(STEPS):
-        design = _design(t, omega, most)
-        normal = design.T @ design
-        all_parts = np.linalg.solve(normal, design.T @ a)
-        rest, parts = a - design @ all_parts, all_parts[1:].reshape(2, most, -1)
-        slope = t[:, None] * (
-            design[:, most + 1 :] @ (orders * parts[0]) - design[:, 1 : most + 1] @ (orders * parts[1])
-        )
-        slope -= design @ np.linalg.solve(normal, design.T @ slope)
-        weights = 1 / np.maximum((rest**2).mean(axis=0), (1e-15 * np.abs(a).max()) ** 2)
-        curve = float((weights * slope**2).sum())
-        change = float((weights * slope * rest).sum()) / curve
-        omega += change
-        if abs(change) <= max(SETTLED * omega, 1e-3 * curve**-0.5):
-            break
-    return omega, *_least_squares(t, a, omega, most), curve**-0.5
+def _seen(a: np.ndarray, names: list[str], g: float) -> list[str]:
+    """Turn z over where the accelerometer was upside down, and return in words what is to be seen of how it measured."""
+    notes, means = [], a.mean(axis=0)
+    if means[0] < (UPRIGHT - 1) * g:
+        notes.append(f"z: the mean is {means[0]:.4g} m/s2, so the accelerometer was upside down; z is turned over")
+        a[:, 0] *= -1
+    for name, mean, values in zip(names, means, a.T, strict=True):
+        if name != "z" and abs(abs(mean) - g) < UPRIGHT * g and abs(means[0]) < UPRIGHT * g:
+            notes.append(f"{name}: the mean is {mean:.4g} m/s2, that of z {means[0]:.4g}: gravity is along {name}")
+        if name == "z" and abs(abs(mean) - 1) < 0.05 and g > 2:
+            notes.append(f"z: the mean is {mean:.4g} m/s2; of a record in units of g, g is 1")
+        for end in (values.min(), values.max()):
+            at_end, gap = int((values == end).sum()), np.abs(values[values != end] - end).min(initial=np.inf)
+            sine = len(values) * np.sqrt(4 * gap / np.ptp(values)) / np.pi  # that many are within a gap of its peak
+            if at_end > max(LEAST_CUT, CUT * sine):
+                notes.append(f"{name}: {at_end / len(values):.2%} of the values are {end:.6g} m/s2: its peaks are cut")
+    return notes
 
 
 def _waves(
-    parts: np.ndarray, names: list[str], g: float, noise: np.ndarray, periods: float
-) -> tuple[Waves, dict[str, dict[int, tuple[float, float]]]]:
-    """Harmonics of each axis that are above their errors, with these.
+    found: Periodic, t: np.ndarray, rest: np.ndarray, coarse: np.ndarray, names: list[str], g: float
+) -> tuple[Waves, dict[str, Any]]:
+    """Return the harmonics of each axis that are above their errors, with these, and that of f.
 
-    Of what is not periodic counts the `noise` in bins beside a harmonic; the record holds so many `periods`.
+    Each block adds its part of what is left to a harmonic; noise shifts the harmonic as much as it moves these parts from
+    block to block. Amplitude and phase have errors of their own: jitter moves the phase more.
     """
-    most = parts.shape[1]
+    times, _, sums = found.sums(t, rest)
+    parts, shifts = -2j / g * found.parts, -2j / g / t.size * sums  # Gamma_k exp(i phi_k)
+    sizes, phases, orders = np.abs(parts), np.angle(parts), np.arange(len(parts))[:, None]
+    along = shifts * np.exp(-1j * phases)
+    turned = along.imag / np.maximum(sizes, 1e-300)
+    size_errors = np.hypot(_levels(along.real), coarse)
+    # phases count from the first one along z
+    phase_errors = np.hypot(_levels(turned - orders * turned[:, 1:2, :1]), coarse / np.maximum(sizes, 1e-300))
+    pulls = np.einsum("bka,ka,a->b", sums, (1j * orders * found.parts).conj(), found.weights).real
+    pull = max(_levels(pulls), _wander(pulls)) * np.sqrt((times**2).mean())
     waves: Waves = {name: {} for name in names}
-    errors: dict[str, dict[int, tuple[float, float]]] = {name: {} for name in names}
-    first, first_error = 0.0, 0.0
+    errors: dict[str, Any] = {name: {} for name in names}
     for axis, name in enumerate(names):
-        for k in range(1, most + 1):
-            sine, cosine = -parts[:, k - 1, axis] / g  # the plate's acceleration is -Gamma_k g sin(k omega t + phi_k)
-            at = round(k * periods)
-            beside = np.r_[noise[max(1, at - BINS) : max(1, at - 1), axis], noise[at + 2 : at + BINS + 1, axis]]
-            error, size = float(np.sqrt((beside**2).mean())), float(np.hypot(sine, cosine))
-            phase, phase_error = float(np.arctan2(cosine, sine)), error / size if size else np.inf
-            if name == "z" and k == 1:
-                first, first_error = phase, phase_error
-            elif size <= SURE * error:
-                continue
-            own = (name, k) != ("z", 1)
-            waves[name][k] = (size, float((phase - k * first) % (2 * np.pi)) if own else 0.0)
-            errors[name][k] = (error, float(np.hypot(phase_error, k * first_error)) if own else 0.0)
+        for k in range(1, len(parts)):
+            size, error, first = float(sizes[k, axis]), float(size_errors[k, axis]), (name, k) == ("z", 1)
+            if first or size > SURE * error:
+                phase = (phases[k, axis] - k * phases[1, 0]) % (2 * np.pi)
+                waves[name][k] = (size, 0.0 if first else float(phase))
+                errors[name][k] = (error, 0.0 if first else float(phase_errors[k, axis]))
+    errors["f"] = float(pull / found.curve / np.pi)
     return {name: wave for name, wave in waves.items() if wave}, errors
+
+
+def _wander(pulls: np.ndarray) -> float:
+    """Return the level of pulls on the frequency that a clock which wanders has at its slowest; 0 where it does not."""
+    powers = np.abs(np.fft.rfft(pulls)[1:]) ** 2
+    slow = powers[:SLOW] * np.arange(1, SLOW + 1) ** 2
+    wanders = powers[:SLOW].mean() > REDDER * powers[len(powers) // 2 :].mean()
+    return float(np.sqrt(WALK * slow.mean())) if wanders else 0.0
+
+
+def _levels(series: np.ndarray) -> np.ndarray:
+    """Return the standard deviation of sums over blocks, from how their parts change from block to block."""
+    return np.sqrt((np.abs(np.fft.rfft(series, axis=0)[1:]) ** 2).mean(axis=0))
