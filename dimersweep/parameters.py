@@ -233,7 +233,11 @@ def _spelt_harmonics(given: Any, beside: Collection[str]) -> dict[str, Any]:
     """The parameters that harmonics stand for: a mapping of axes, a waveform, or a file of one."""
     waves = dict(zip(("z", "x", "y"), WAVES, strict=True))
     if isinstance(given, str | PathLike):
-        given = read_toml(Path(given))
+        path = Path(given)
+        if path.suffix != ".toml" and path.is_file():
+            how = f"dimersweep waveform {path} --out plate.toml"
+            raise ParameterError(f"harmonics = {path}: must be a .toml file; of a record, `{how}` makes one")
+        given = read_toml(path)
     told = getattr(given, "harmonics", given)
     if not isinstance(told, Mapping) or not told or not {*told} <= {*waves, "f"}:
         raise ParameterError(

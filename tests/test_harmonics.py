@@ -107,6 +107,68 @@ def test_harmonics_of_a_file_are_written_by_hand_too(tmp_path):
         Parameters(harmonics=path)
 
 
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("1 = [0.9, 0]\n0 = [0.1, 0]", "harmonics.z.0: must be 1 to 16"),
+        ("1 = [0.9, 0]\n17 = [0.1, 0]", "harmonics.z.17: must be 1 to 16"),
+        ("1 = [0.9, 0]\n2 = [nan, 0]", "Gamma_2 = nan: must be finite"),
+        ("1 = [0.9]", "harmonics.z.1 = [0.9]: must be an intensity and a phase"),
+        ("1 = [-0.9, 0]", "Gamma = -0.9: must be >= 0"),
+    ],
+)
+def test_a_waveform_written_by_hand_is_judged(tmp_path, text, told):
+    path = tmp_path / "by_hand.toml"
+    path.write_text(f"f = 15\n[z]\n{text}\n")
+    with pytest.raises(ParameterError, match=rf"^{re.escape(f'{path}: {told}')}$"):
+        Waveform.load(path)
+    path.write_text('f = 15\n[x]\n1 = [0.1, 0.2]\n[z]\n2 = [0.03, "90 deg"]\n1 = [0.9, 0]\n')
+    loaded = Waveform.load(path)
+    assert loaded.waves == {"z": {1: (0.9, 0.0), 2: (0.03, pi / 2)}, "x": {1: (0.1, 0.2)}}
+
+
+TABLES = {
+    "commas": "t,z\n" + "{t:.4f},{z:.6f}\n",
+    "no head": "{t:.4f} {z:.6f}\n",
+    "German": 'Messung 3; Kanal 1\n# 1000 Hz\n"Zeit [s]";"X";"Z [m/s2]"\n' + "{t:.4f};{x:.6f};{z:.6f}\n",
+    "tabs": "time\tax\tay\taz\n" + "{t:.4f}\t{x:.6f}\t0.1\t{z:.6f}\n",
+    "line of units": "Time,Ch. 1,Ch. 2\n(s),(m/s2),(m/s2)\n\n" + "{t:.4f},{z:.6f},{x:.6f}\n",
+}
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_the_command_reads_a_record_as_loggers_write_it(tmp_path, kind):
+    *head, row = TABLES[kind].splitlines(keepends=True)
+    z, x = line(15.01, [0.9, 0.03], EVEN), line(15.01, [0.05], EVEN)
+    rows = "".join(row.format(t=a, z=b, x=c) for a, b, c in zip(EVEN, z, x, strict=True))
+    path, plate = tmp_path / "acc.csv", tmp_path / "plate.toml"
+    path.write_text("".join(head) + (rows.replace(".", ",") if kind == "German" else rows))
+    how = ["--z", "Ch. 1", "--x", "Ch. 2"] if kind == "line of units" else []
+    told = CliRunner().invoke(
+        app, ["waveform", str(path), "--out", str(plate), "--plot", str(tmp_path / "p.png"), *how]
+    )
+    assert told.exit_code == 0, told.output
+    assert re.search(r"^f: 15\.0[01]\d* Hz, error \S+ Hz$", told.output, re.M) and (tmp_path / "p.png").stat().st_size
+    loaded = Waveform.load(plate)
+    assert loaded.f == pytest.approx(15.01, abs=1e-5) and loaded.waves["z"][2][0] == pytest.approx(0.03, abs=1e-3)
+    assert ("x" in loaded.waves) == (kind not in ("commas", "no head"))
+    shown = json.loads(CliRunner().invoke(app, ["waveform", str(path), "--json", *how]).stdout)
+    assert shown["harmonics"][0]["intensity"] == loaded.waves["z"][1][0] and shown["notes"] == []
+    with pytest.raises(
+        ParameterError, match=r"must be a \.toml file; of a record, `dimersweep waveform \S+ --out plate\.toml`"
+    ):
+        Parameters(harmonics=path)
+
+
+def test_a_file_that_is_no_record_is_told(tmp_path):
+    (path := tmp_path / "acc.csv").write_text("hello\nworld\n")
+    with pytest.raises(ParameterError, match=rf"^{path}: has no columns of numbers$"):
+        CliRunner().invoke(app, ["waveform", str(path)], catch_exceptions=False)
+    path.write_text("t,a,b\n0,1,2\n1,2,3\n")
+    with pytest.raises(ParameterError, match=r"has no column z; give --z \(there are a, b\)$"):
+        CliRunner().invoke(app, ["waveform", str(path)], catch_exceptions=False)
+
+
 def test_what_a_cube_holds_of_harmonics_that_no_point_has():
     """Nothing: they are not among its coordinates."""
     cube = sweep({"beta0": [0.2]}, periods=1, progress=False)

@@ -13,6 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from dimersweep.cli.drawing import explore, plot
 from dimersweep.cli.finding import attractors, orbits
+from dimersweep.cli.measuring import waveform
 from dimersweep.cli.simulating import simulate
 from dimersweep.cli.sweeping import borders, plan, presets, run, status
 from dimersweep.errors import UserError, unknown
@@ -60,6 +61,10 @@ EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
     orbits: (
         "orbits --e 0.65 --f 22 --A_r 5 --mu 0.1 --mu_s 0.15",
         "orbits --spin 100 --follow Gamma=1.3 --out branch.nc --plot branch.png",
+    ),
+    waveform: (
+        "waveform acc.csv --out plate.toml",
+        "waveform acc.csv --t time --z ch1 --x ch2 --plot plate.png",
     ),
     attractors: ("attractors beta0=1deg:89deg xdot0=0.2:2 --e 0.8 --Gamma 1 --starts 100",),
 }

@@ -43,7 +43,7 @@ class Periodic:
     @property
     def f(self) -> float:
         """Frequency [Hz]."""
-        return self.omega / (2 * np.pi)
+        return float(self.omega / (2 * np.pi))
 
     def taken_from(self, t: np.ndarray, a: np.ndarray) -> np.ndarray:
         """Return the record without the harmonics, but with the constant."""

@@ -24,7 +24,8 @@ from dimersweep.fits.lines import (
     without_others,
 )
 from dimersweep.inputs import as_numbers, check_labels, columns_of, number, read_toml
-from dimersweep.kernel.model.layout import HARMONICS
+from dimersweep.kernel.model.layout import HARMONICS, WAVES
+from dimersweep.parameters import Parameters
 from dimersweep.plots.style import Look, board, ink
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
@@ -62,7 +63,8 @@ class Waveform:
     rest : dict
         Of each axis what of the record is not periodic, over all of it: root mean square [1]. Constants do not count.
     spectrum : tuple of ndarray
-        Frequencies [Hz], and for each axis the spectral density of the record and of its rest [g Hz-1/2], shape (2, axes, m).
+        Frequencies [Hz], and for each axis the spectral density of the record without its trend, and of its rest [g Hz-1/2],
+        shape (2, axes, m).
     others : dict
         Further lines in the record, the strongest first: by frequency [Hz], of each axis their amplitude [1].
     notes : tuple of str
@@ -109,9 +111,11 @@ class Waveform:
         t : array_like, shape (n,), or label
             Times [s], or the label of their column in `a`: a text, a number or a tuple.
         a : array_like, shape (n,) or (n, k), or a table
-            Accelerations of the plate [m s-2]; a constant, such as gravity, does not count.
+            Accelerations of the plate [m s-2]; a constant, such as gravity, and a trend do not count. Where the mean of z is
+            about -g, z is turned over.
         f : float, optional
-            Frequency [Hz] by the clock of the record; by default it is fitted, from the strongest line on.
+            Frequency [Hz] by the clock of the record; by default it is fitted, from that line along z on which has most of the
+            others as harmonics, is not of the mains, and has the greatest velocity.
         axes : sequence of str, or mapping of str to label, optional
             Of each column of `a` its axis, "z", "x" or "y", "z" among them; of a table, of each axis its column. By default
             "z", or the columns of these names.
@@ -126,7 +130,8 @@ class Waveform:
         Raises
         ------
         ParameterError
-            For a record with gaps, one that is too short or too coarse, or one of another frequency.
+            For a record with gaps, one that is too short or too coarse, or one of another frequency; and where the line of the
+            shaker is not there from end to end, or as much is left beside the lines as it has.
 
         Examples
         --------
@@ -197,11 +202,16 @@ class Waveform:
         told = read_toml(Path(path))
         if "f" not in told or "z" not in told:
             raise ParameterError(f"{path}: is no waveform, which has f and z")
-        waves = {
-            axis: {int(k): (float(size), float(phase)) for k, (size, phase) in told[axis].items()}
-            for axis in {*told} - {"f"}
-        }
-        return cls(float(told["f"]), waves)
+        try:
+            plate = Parameters(harmonics=told)
+        except ParameterError as error:
+            raise ParameterError(f"{path}: {error}") from None
+        waves: Waves = {}
+        for axis, names in zip(MEASURED_AXES, WAVES, strict=True):
+            for k in sorted(map(int, told.get(axis, ()))):
+                size, phase = (float(getattr(plate, name)) for name in names[k - 1])
+                waves.setdefault(axis, {})[k] = (size, phase)
+        return cls(float(plate.f), waves)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
         """Write it to a file of TOML, which `harmonics` of a run, of a sweep file and of the command line takes.
