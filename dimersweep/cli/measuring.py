@@ -54,16 +54,15 @@ def waveform(
         found = Waveform.fit(str(times), table, f, axes={k: name for k, name in axes.items() if name}, g=g)
         tell(f"f: {found.f:.9g} Hz, error {found.errors['f']:.2g} Hz", f=found.f, f_error=found.errors["f"])
         rows = [
-            (axis, k, size, found.errors[axis][k][0], phase, found.errors[axis][k][1])
+            (axis, k, *(each for pair in zip(wave[k], found.errors[axis][k], strict=True) for each in pair))
             for axis, wave in found.waves.items()
-            for k, (size, phase) in wave.items()
+            for k in wave
         ]
         units = {"axis": "", "harmonic": "", "intensity": "1", "its error": "1", "phase": "rad", "error": "rad"}
         tell.rows("harmonics", units, rows)
-        tell(*(f"not periodic along {axis}: {rest:.3g} g" for axis, rest in found.rest.items()), rest=found.rest)
-        lines = [{"f": line, **sizes} for line, sizes in found.others.items()]
-        tell(*(f"another line at {line:.6g} Hz: {max(sizes.values()):.3g} g" for line, sizes in found.others.items()))
-        tell(*found.notes, others=lines, notes=found.notes)
+        rest = [f"not periodic along {axis}: {size:.3g} g" for axis, size in found.rest.items()]
+        others = [f"another line at {each:.6g} Hz: {max(sizes.values()):.3g} g" for each, sizes in found.others.items()]
+        tell(*rest, *others, *found.notes, rest=found.rest, others=found.others, notes=found.notes)
         if out is not None:
             found.save(out, force=force)
             tell(f"plate: {out}", out=str(out))
@@ -92,8 +91,9 @@ def _table(path: Path) -> "xr.Dataset":
 
     lines = read_text(path).splitlines()[:SOUGHT]
     for separator, decimal in MARKS:
+        number = re.compile(rf"[-+]?\d*[{decimal}]?\d+[{decimal}]?([eE][-+]?\d+)?")
         rows = [[each.strip(' "') for each in re.split(separator, line.strip().lstrip("#"))] for line in lines]
-        wide = [len(row) if len(row) > 1 and all(_is_number(each, decimal) for each in row) else 0 for row in rows]
+        wide = [len(row) if len(row) > 1 and all(map(number.fullmatch, row)) else 0 for row in rows]
         first = next((k for k in range(len(rows) - 1) if wide[k] and wide[k] == wide[k + 1]), None)
         if first is not None:
             break
@@ -111,7 +111,3 @@ def _table(path: Path) -> "xr.Dataset":
         attributes = {"units": found[2]} if found else {}
         columns[found[1] if found else name] = ("sample", frame[k].to_numpy(), attributes)
     return xr.Dataset(columns)
-
-
-def _is_number(text: str, decimal: str) -> bool:
-    return bool(re.fullmatch(rf"[-+]?\d*[{decimal}]?\d+[{decimal}]?([eE][-+]?\d+)?", text))

@@ -11,18 +11,7 @@ from matplotlib.figure import Figure
 from scipy.signal import detrend
 
 from dimersweep.errors import ParameterError
-from dimersweep.fits.lines import (
-    NEAR,
-    SMALL,
-    Periodic,
-    changes,
-    densities,
-    fitted,
-    on_a_grid,
-    peaks,
-    trend,
-    without_others,
-)
+from dimersweep.fits import lines
 from dimersweep.inputs import as_numbers, check_labels, columns_of, number, read_toml
 from dimersweep.kernel.model.layout import HARMONICS, WAVES
 from dimersweep.parameters import Parameters
@@ -146,22 +135,22 @@ class Waveform:
         g = number("g", g)
         t, a, names = _record(t, a, axes)
         given = None if f is None else number("f", f)
-        begin, (t, pace) = float(t.mean()), on_a_grid(t)
+        begin, (t, pace) = float(t.mean()), lines.on_a_grid(t)
         t -= t.mean()
         notes = _seen(a, names, g)
         quanta = np.array([np.diff(np.unique(each)).min(initial=np.inf) for each in a.T])
         start, strongest, most = _start(t, a, given, begin)
-        found = fitted(t, detrend(a, axis=0), 2 * np.pi * start, most)
-        a = a - trend(t, found.taken_from(t, a), 1 / start)
-        found = fitted(t, a, found.omega, most)
+        found = lines.fitted(t, detrend(a, axis=0), 2 * np.pi * start, most)
+        a = a - lines.trend(t, found.taken_from(t, a), 1 / start)
+        found = lines.fitted(t, a, found.omega, most)
         rest = found.taken_from(t, a)
-        notes += filter(None, [changes(t, rest, found, begin)])
-        clean, others = without_others(t, a, rest, found)
-        found = fitted(t, clean, found.omega, most)
+        notes += filter(None, [lines.changes(t, rest, found, begin)])
+        clean, others = lines.without_others(t, a, rest, found)
+        found = lines.fitted(t, clean, found.omega, most)
         if given is not None:
             if not abs(given - found.f) * np.ptp(t) <= DRIFT:
                 raise ParameterError(f"f = {given:g}: that of the record is {strongest:.8g} Hz; leave f out to take it")
-            found = fitted(t, clean, 2 * np.pi * given, most, free=False)
+            found = lines.fitted(t, clean, 2 * np.pi * given, most, free=False)
         rest, first = found.taken_from(t, clean), 2 * abs(found.parts[1, 0])
         if (noise := float(rest[:, 0].std())) >= first / 2**0.5:
             raise ParameterError(
@@ -172,7 +161,7 @@ class Waveform:
         coarse = np.where(2 * rest.std(axis=0) < quanta, quanta * np.sqrt(found.f * np.ptp(t) / t.size / 6), 0.0)
         waves, errors = _waves(found, t, rest, coarse / g, names, g)
         rest = found.taken_from(t, a)
-        (frequencies, whole), (_, part) = (densities(t, each) for each in (a, rest))
+        (frequencies, whole), (_, part) = (lines.densities(t, each) for each in (a, rest))
         return cls(
             found.f if given is None else given,
             waves,
@@ -328,17 +317,17 @@ def _start(t: np.ndarray, a: np.ndarray, given: float | None, begin: float) -> t
     Of the lines along z the shaker's is the one, not of the mains, that has most of the others as harmonics; of several the one
     of the greatest velocity.
     """
-    lines, sizes = peaks(t, detrend(a[:, :1], axis=0))
-    lines, sizes = (each[sizes > SMALL**2 * np.abs(a[:, 0]).max()] for each in (lines, sizes))
-    if not lines.size:
+    places, sizes = lines.peaks(t, detrend(a[:, :1], axis=0))
+    places, sizes = (each[sizes > lines.SMALL**2 * np.abs(a[:, 0]).max()] for each in (places, sizes))
+    if not places.size:
         raise ParameterError("a (z): has no line, as the acceleration of a shaker has")
-    strong = lines[sizes >= SHARE * sizes[0]]
+    strong = places[sizes >= SHARE * sizes[0]]
     orders = np.rint(np.divide.outer(strong, strong))  # of each line on each
     harmonic = (np.abs(strong[:, None] - orders * strong) * np.ptp(t) < 0.5) & (orders >= 1) & (orders <= HARMONICS)
     mains = np.abs(np.subtract.outer(strong, MAINS)).min(axis=1) < MAINS_OFF
     shaker = start = max(zip(~mains, harmonic.sum(axis=0), sizes[: strong.size] / strong, strong, strict=True))[-1]
     if given is not None:
-        near = lines[np.abs(lines - given) < max(ASIDE * given, NEAR / np.ptp(t))]
+        near = places[np.abs(places - given) < max(ASIDE * given, lines.NEAR / np.ptp(t))]
         start = near[0] if near.size else shaker
     step, gap = float(np.median(np.diff(t))), int(np.diff(t).argmax())
     if (periods := start * (np.ptp(t) + step)) < LEAST_PERIODS - 0.5:
@@ -371,7 +360,7 @@ def _seen(a: np.ndarray, names: list[str], g: float) -> list[str]:
 
 
 def _waves(
-    found: Periodic, t: np.ndarray, rest: np.ndarray, coarse: np.ndarray, names: list[str], g: float
+    found: lines.Periodic, t: np.ndarray, rest: np.ndarray, coarse: np.ndarray, names: list[str], g: float
 ) -> tuple[Waves, dict[str, Any]]:
     """Return the harmonics of each axis that are above their errors, with these, and that of f.
 
