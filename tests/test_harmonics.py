@@ -436,6 +436,16 @@ def test_a_record_that_does_not_do_is_told(t, a, f, told):
         Waveform.fit(t, a, f)
 
 
+@pytest.mark.parametrize("t", [-EVEN, 0 * EVEN, np.where(EVEN == EVEN[9], 5.0, EVEN)])
+def test_times_that_do_not_increase_are_told(t):
+    with pytest.raises(ParameterError, match=r"^t = \S+ after \S+: the times must increase$"):
+        Waveform.fit(t, line(15.0, [0.9], EVEN))
+    with pytest.raises(ParameterError, match=r"^a \(z\): has no line, as the acceleration of a shaker has$"):
+        Waveform.fit(EVEN[:3], [1.0, 2.0, 3.0])
+    with pytest.raises(ParameterError, match=r"^g = -9\.81: must be > 0$"):
+        Waveform.fit(EVEN, line(15.0, [0.9], EVEN), g=-9.81)
+
+
 def test_a_record_with_a_gap_is_told():
     t, a = wrong()
     keep = np.ones(t.size, bool)

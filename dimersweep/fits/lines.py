@@ -111,6 +111,10 @@ def on_a_grid(t: np.ndarray) -> tuple[np.ndarray, float]:
         If they do not increase.
     """
     steps, since = np.diff(t), t - t[0]
+    wrong, backward = np.flatnonzero(steps <= 0), steps.min() < 0 or since[-1] == 0
+    told = f"t = {t[wrong[0] + 1]:.13g} after {t[wrong[0]]:.13g}: the times must increase" if wrong.size else ""
+    if backward:
+        raise ParameterError(told)
     # stamps of a coarse clock differ by whole numbers of its steps; single precision is the least
     levels = np.diff(np.unique([0.0, *steps]))
     levels = levels[levels > 4 * np.spacing(np.abs(t).max())]
@@ -122,10 +126,12 @@ def on_a_grid(t: np.ndarray) -> tuple[np.ndarray, float]:
         even = places - places.mean()
         even *= even @ since / (even @ even or 1.0)
         if (np.diff(places) > 0).all() and np.ptp(even - since) <= 1.05 * rounded:
-            off = [each.mean() for each in np.array_split(even - since, BLOCKS)]  # that rounding repeats after a while
-            return even - even[0], float(np.std(off) * np.sqrt(12 / BLOCKS) / since[-1])
-    if (wrong := np.flatnonzero(steps <= 0)).size:
-        raise ParameterError(f"t = {t[wrong[0] + 1]:.13g} after {t[wrong[0]]:.13g}: the times must increase")
+            off = [
+                each.mean() for each in np.array_split(even - since, min(BLOCKS, t.size))
+            ]  # that rounding repeats after a while
+            return even - even[0], float(np.std(off) * np.sqrt(12 / len(off)) / since[-1])
+    if told:
+        raise ParameterError(told)
     return since, 0.0
 
 

@@ -135,6 +135,8 @@ class Waveform:
         g = number("g", g)
         t, a, names = _record(t, a, axes)
         given = None if f is None else number("f", f)
+        if g <= 0:
+            raise ParameterError(f"g = {g}: must be > 0")
         begin, (t, pace) = float(t.mean()), lines.on_a_grid(t)
         t -= t.mean()
         notes = _seen(a, names, g)
