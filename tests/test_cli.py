@@ -321,6 +321,7 @@ COMMANDS = {
     "borders": (["small.toml"], ["studies.border_files.read_borders"]),
     "orbits": ([], ["orbits.sustained"]),
     "attractors": (["beta0=0.1:0.5"], ["studies.attractors.attractors"]),
+    "waveform": (["absent.csv"], ["inputs.read_text"]),
 }
 
 

@@ -436,7 +436,7 @@ def test_a_record_that_does_not_do_is_told(t, a, f, told):
         Waveform.fit(t, a, f)
 
 
-@pytest.mark.parametrize("t", [-EVEN, 0 * EVEN, np.where(EVEN == EVEN[9], 5.0, EVEN)])
+@pytest.mark.parametrize("t", [-EVEN, 0 * EVEN, np.where(EVEN[9] == EVEN, 5.0, EVEN)])
 def test_times_that_do_not_increase_are_told(t):
     with pytest.raises(ParameterError, match=r"^t = \S+ after \S+: the times must increase$"):
         Waveform.fit(t, line(15.0, [0.9], EVEN))

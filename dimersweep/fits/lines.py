@@ -153,7 +153,7 @@ def densities(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies [Hz], and the spectral density of each axis, shape (axes, m)."""
     count = round(np.ptp(t) / np.median(np.diff(t))) + 1
     even, step = np.linspace(t[0], t[-1], count, retstep=True)
-    window = np.hanning(count)  # so that a line does not hide what is beside it
+    window = np.hanning(count + 2)[1:-1]  # so that a line does not hide what is beside it
     values = [np.fft.rfft(window * np.interp(even, t, each)) for each in (a - a.mean(axis=0)).T]
     return np.fft.rfftfreq(count, step), np.abs(values) * np.sqrt(2 * step / (window**2).sum())
 
