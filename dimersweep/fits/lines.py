@@ -116,7 +116,7 @@ def on_a_grid(t: np.ndarray) -> tuple[np.ndarray, float]:
     if backward:
         raise ParameterError(told)
     # stamps of a coarse clock differ by whole numbers of its steps; single precision is the least
-    levels = np.diff(np.unique([0.0, *steps]))
+    levels = np.diff(np.unique(np.append(steps, 0.0)))
     levels = levels[levels > 4 * np.spacing(np.abs(t).max())]
     rounded = max(levels.min() if levels.size else 0.0, np.spacing(np.float32(since[-1])))
     all_there = np.arange(t.size)
