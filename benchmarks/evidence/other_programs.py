@@ -410,7 +410,7 @@ def _(path: Path, scratch: Path) -> Values:
     import iris
 
     found: Values = {}
-    for cube in iris.load_raw(path):
+    for cube in iris.load(path):
         found[cube.var_name] = unmasked(cube.data)
         found |= {each.var_name: unmasked(each.points) for each in cube.coords() if each.var_name not in found}
     return found
