@@ -594,7 +594,7 @@ def attempt(each: Program, path: Path) -> str:
             kind = "" if isinstance(error, Refused) else f"{type(error).__name__}: "
             said = f"{kind}{' '.join(str(error).split())}".replace(str(path.parent) + os.sep, "").replace("|", "/")
             return f"refused ({said[:90].strip()})"
-    return "opens" if got is None else compared(want, got, opened(path).sizes)
+        return "opens" if got is None else compared(want, got, opened(path).sizes)
 
 
 def row_of(each: Program, paths: dict[str, Path]) -> str:
@@ -602,9 +602,9 @@ def row_of(each: Program, paths: dict[str, Path]) -> str:
     outcomes: dict[str, list[str]] = {}
     for kind, path in paths.items():
         outcomes.setdefault(attempt(each, path), []).append(kind)
-    cells = [
-        f"{words}: {'all' if len(kinds) == len(paths) > 1 else ', '.join(kinds)}" for words, kinds in outcomes.items()
-    ]
+    *rest, (most, kinds) = sorted(outcomes.items(), key=lambda each: len(each[1]))
+    everything = "all others" if rest else "all" if len(kinds) > 1 else kinds[0]
+    cells = [f"{words}: {', '.join(kinds)}" for words, kinds in rest] + [f"{most}: {everything}"]
     return f"| {each.name} | {each.version()} | {'; '.join(cells)} |"
 
 
