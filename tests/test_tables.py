@@ -11,6 +11,8 @@ import xarray as xr
 import dimersweep
 from dimersweep import names, orbits, plots
 from dimersweep.errors import ParameterError
+from dimersweep.kernel.model.contact_code import contact_state_name
+from dimersweep.kernel.model.event_row import E_KIND
 from dimersweep.orbits.pictures import draw_borders
 from dimersweep.symbols import PARAMETERS
 
@@ -92,6 +94,19 @@ def test_words_of_a_fixed_set_are_flags(name, results):
 
 
 @each_result
+def test_each_code_of_a_flag_has_one_word_and_each_word_one_code(name, results):
+    """As other programs choose by them: cf_xarray takes the one code of a word, NCO the one word of a code."""
+    for each, variable in results[name].variables.items():
+        if "flag_meanings" in variable.attrs:
+            codes, words = variable.attrs["flag_values"], variable.attrs["flag_meanings"].split()
+            assert len(codes) == len(words) == len({*words}) == len({*codes.tolist()}), each
+            assert codes.dtype == (np.int8 if variable.dtype == bool else variable.dtype)
+            told = names(results[name][each]).values
+            for code, word in zip(codes, words, strict=True):
+                np.testing.assert_array_equal(variable.values == code, told == word, err_msg=f"{each} {word}")
+
+
+@each_result
 def test_fixed_parameters_are_coordinates_with_units(name, results):
     data = results[name]
     assert not [each for each in data.attrs if each in PARAMETERS]
@@ -125,6 +140,16 @@ def test_one_point_is_one_row(results):
     assert len(table) == 1
     assert table["mode"].tolist() == ["drift"]
     assert table["strobe_gap_2_2"].tolist() == [one["strobe_gap_2"].values[2]]
+
+
+def test_one_code_chooses_all_rows_that_the_kernel_calls_so():
+    run = dimersweep.simulate(periods=60)
+    kind, record = run.events["kind"], run.record("events")
+    called = np.array([contact_state_name(code) for code in record.events[: kind.size, E_KIND]])
+    codes = dict(zip(kind.attrs["flag_meanings"].split(), kind.attrs["flag_values"].tolist(), strict=True))
+    assert {"DI_sp_sp", "DI_sp_sk"} < {*called} <= {*codes}
+    for word, code in codes.items():
+        np.testing.assert_array_equal(kind.values == code, called == word, err_msg=word)
 
 
 def test_truth_values_choose_points_and_have_words(results):

@@ -66,8 +66,9 @@ def variable(name: str, dims: tuple[str, ...], values: np.ndarray, quantity: Qua
 def column(dims: Any, entries: Any, said: Quantity | str, words: Sequence[str] = ()) -> xr.Variable:
     """A column of a table: numbers with their unit, texts, or flags as int8, which are one of a few `words`.
 
-    Entries of flags are their words or codes. Truth values without words are flags, too, and stay such: xarray writes and reads
-    them. Counts have 64 bits: a long run has more events than 32 bits can count.
+    Entries of flags are their words or codes; of codes that have one word all get the first, so that each word has one code.
+    Truth values without words are flags, too, and stay such: xarray writes and reads them. Counts have 64 bits: a long run has
+    more events than 32 bits can count.
     """
     values, quantity = np.asarray(entries), said if isinstance(said, Quantity) else Quantity("1", said)
     kind = values.dtype.kind
@@ -75,7 +76,10 @@ def column(dims: Any, entries: Any, said: Quantity | str, words: Sequence[str] =
         if kind in "OU":
             values = np.vectorize(words.index, otypes=[np.int8])(values)
         coded, words = values.astype(np.int8, copy=False) if words else values, words or NO_YES
-        flags = {"flag_values": np.arange(len(words), dtype=np.int8), "flag_meanings": " ".join(words)}
+        firsts = np.array([words.index(word) for word in words], dtype=np.int8)
+        if len(distinct := dict(zip(words, firsts, strict=True))) < len(words):
+            coded = firsts[coded]
+        flags = {"flag_values": np.array([*distinct.values()]), "flag_meanings": " ".join(distinct)}
         return xr.Variable(dims, coded, {"long_name": quantity.long_name} | flags)
     if kind in "OSU":
         return xr.Variable(dims, values, {"long_name": quantity.long_name})
