@@ -271,7 +271,7 @@ def test_another_kernel_is_told_of(both, monkeypatch):
 def test_loops_tell_the_other_axes(both):
     found = loops(both)
     assert set(found["e"].values.tolist()) <= {0.55, 0.6}
-    assert found.attrs["axis"] == "Gamma" and found["low"].attrs["units"] == "1"
+    assert found.attrs["parameter"] == "Gamma" and found["low"].attrs["units"] == "1"
 
 
 # --- the work -------------------------------------------------------------------------------------------------------------

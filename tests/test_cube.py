@@ -42,7 +42,7 @@ def test_labels_are_int8_flags_with_meanings(cube):
         assert cube[name].attrs["flag_meanings"].split() == list(words)
         assert "units" not in cube[name].attrs
     for name in ("n_events", "n_periods", "mode_period"):
-        assert cube[name].dtype == np.int64
+        assert cube[name].dtype == np.int32
 
 
 def test_everything_has_a_meaning_and_measures_have_units(cube):

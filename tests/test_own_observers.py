@@ -11,6 +11,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from dimersweep import (
     attractors,
@@ -71,7 +72,7 @@ def test_what_it_gives_stands_in_the_cube_with_its_labels(cube):
         assert told.get("peak", np.nan) == pytest.approx(point["peak"].item(), abs=0, nan_ok=True)
     drifts = cube["mode"].values == 3
     assert (cube["peak"].values[drifts] == 15).all(), "a drift repeats each forcing period"
-    assert not (cube["observer_error"] != b"").any()
+    assert not (cube["observer_error"] != "").any()
 
 
 def test_a_run_is_the_one_of_the_sweep_without_it(cube, plain):
@@ -200,7 +201,7 @@ def test_one_that_raises_takes_its_point_alone_and_is_tried_again():
     made = sweep(points={"Gamma": values}, observe=turned, periods=20, out="cube.nc", progress=False)
     status = names(made["status"]).values
     assert (status == "observer").tolist() == [True] + [False] * 999
-    assert made["observer_error"].values[0] == b"ZeroDivisionError: at 0.9, for one"
+    assert made["observer_error"].values[0] == "ZeroDivisionError: at 0.9, for one"
     assert np.isnan(made["turned"].values[0]) and np.isfinite(made["turned"].values[1:]).all()
     assert names(made["mode"]).values[0] != "failed", "its run was made"
     Path("fails").unlink()
@@ -217,9 +218,24 @@ def test_at_the_first_one_that_raises_a_sweep_may_stop(capsys):
     assert "failed 1" in capsys.readouterr().err
 
 
+@observer(wrong={"units": "1", "long_name": "nothing"})
+def wordy(run):
+    raise ValueError("Größe " + "µ" * 100 if run.parameters["Gamma"] < 0.7 else "Größe")
+
+
+def test_what_it_says_is_a_text_whose_cut_is_marked():
+    made = sweep({"Gamma": [0.6, 0.9]}, observe=wordy, out="cube.nc", **QUIET)
+    long, short = made["observer_error"].values.tolist()
+    assert short == "ValueError: Größe"
+    assert long.startswith("ValueError: Größe µµ") and long.endswith("µ...") and 99 <= len(long.encode()) <= 100
+    xr.testing.assert_identical(open_cube("cube.nc"), made)
+    with xr.open_dataset("cube.nc") as back:
+        assert back["observer_error"].values.tolist() == [long, short]
+
+
 def test_another_shape_than_declared_is_told_at_each_point():
     made = sweep({"Gamma": [0.6, 0.9]}, observe=misshapen, **QUIET)
-    assert set(made["observer_error"].values) == {b"ValueError: wrong: has shape (3,), and () was declared"}
+    assert set(made["observer_error"].values) == {"ValueError: wrong: has shape (3,), and () was declared"}
     assert (names(made["status"]) == "observer").all()
 
 

@@ -4,13 +4,14 @@ import subprocess
 import sys
 from math import prod
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
 
 import dimersweep
 from dimersweep import names, orbits, plots
-from dimersweep.errors import ParameterError
+from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.contact_code import contact_state_name
 from dimersweep.kernel.model.event_row import E_KIND
 from dimersweep.orbits.pictures import draw_borders
@@ -73,6 +74,87 @@ def test_every_result_is_written_as_it_is_and_read_back_equal(name, results, tmp
     results[name].to_netcdf(tmp_path / "result.nc")
     with xr.open_dataset(tmp_path / "result.nc") as back:
         xr.testing.assert_identical(back.load(), results[name])
+
+
+def contents(path):
+    """What a file is made of, as HDF5 has it: dimensions that may grow, types of variables and of attributes."""
+    h5py = pytest.importorskip("h5py")
+    with netCDF4.Dataset(path) as file:
+        growing = [name for name, dim in file.dimensions.items() if dim.isunlimited()]
+        variables = {
+            name: np.dtype(each.dtype) if each.dtype is not str else str for name, each in file.variables.items()
+        }
+        names = {"": file.ncattrs()} | {name: each.ncattrs() for name, each in file.variables.items()}
+    with h5py.File(path) as file:
+        types = {
+            (name, each): h5py.h5a.open((file[name] if name else file).id, each.encode()).dtype
+            for name in names
+            for each in names[name]
+        }
+        strings = [
+            place for place, kind in types.items() if getattr(h5py.check_string_dtype(kind), "length", 1) is None
+        ]
+    return growing, variables, types, strings
+
+
+@each_result
+@pytest.mark.parametrize("way", ["saved", "to_netcdf"])
+def test_a_file_has_what_other_programs_read(name, way, results, tmp_path):
+    """No type that classic files lack, no dimension that grows; each file says what it is, and what range its numbers have."""
+    path, data = tmp_path / "result.nc", results[name]
+    data.dimersweep.save(path) if way == "saved" else data.to_netcdf(path)
+    growing, variables, types, strings = contents(path)
+    assert strings == [] and growing == ([] if way == "saved" or "meeting" not in data.dims else ["meeting"])
+    assert not [each for each in (*variables.values(), *types.values()) if each is str or each in (np.int64, np.uint64)]
+    assert {("", each) for each in ("Conventions", "title", "source", "history")} <= types.keys()
+    assert not {each for where, each in types if not where} & {"axis", "units", "bounds", "positive", "calendar"}
+    assert not [each for each in data.coords if (each, "_FillValue") in types]
+    meanings = [each.attrs["long_name"] for each in data.variables.values() if "long_name" in each.attrs]
+    assert len(meanings) == len({*meanings})
+    if way == "saved":
+        with netCDF4.Dataset(path) as file:
+            for each, kind in variables.items():
+                values = file[each][...]
+                values = np.ma.compressed(values)[np.isfinite(np.ma.compressed(values))] if kind.kind in "iuf" else []
+                if len(values):
+                    ends = file[each].actual_range
+                    assert (ends.dtype, *ends) == (kind, values.min(), values.max()), each
+
+
+@each_result
+def test_a_classic_copy_of_a_file_has_the_same_values(name, results, tmp_path):
+    results[name].dimersweep.save(tmp_path / "result.nc")
+    with xr.open_dataset(tmp_path / "result.nc") as data:
+        data.to_netcdf(tmp_path / "classic.nc", format="NETCDF3_CLASSIC")
+        with xr.open_dataset(tmp_path / "classic.nc") as copy:
+            xr.testing.assert_equal(copy.load(), data.load())
+            empty = {each for each, variable in results[name].variables.items() if 0 in variable.shape}
+            xr.testing.assert_equal(copy, results[name].drop_vars(empty))
+
+
+def test_texts_of_a_file_are_signs_in_utf_8(results, tmp_path):
+    path = tmp_path / "Γ.nc"
+    given = {"title": "Γ über β", "lines": ["µ", "e"], "count": 3, "large": 2**40, "numbers": [1, 2]}
+    data = results["branch"].assign_attrs(given)
+    data["word"][0] = "µ" * 30
+    data["radius"].attrs["comment"] = "Größe"
+    data.dimersweep.save(path)
+    _, variables, types, strings = contents(path)
+    assert strings == [] and variables["word"] == np.dtype("S1")
+    assert [types["", each] for each in ("count", "large", "numbers")] == [np.int32, np.int64, np.int32]
+    with xr.open_dataset(path) as back:
+        assert back["word"].values.tolist() == data["word"].values.tolist()
+        assert (back.attrs["title"], back.attrs["lines"], back["radius"].attrs["comment"]) == (
+            "Γ über β",
+            "µ; e",
+            "Größe",
+        )
+        assert [back.attrs[each] for each in ("count", "large")] == [3, 2**40]
+        back.isel(point=slice(1, 3)).dimersweep.save(tmp_path / "part.nc")  # with shorter words
+    with pytest.raises(StoreError, match=r"exists already"):
+        data.dimersweep.save(path)
+    with pytest.raises(ParameterError, match=r"path = result.zarr: a dataset must end in .nc$"):
+        data.dimersweep.save("result.zarr")
 
 
 @each_result

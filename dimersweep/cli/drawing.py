@@ -194,7 +194,7 @@ def print_cube(tell: Printer, cube: "xr.Dataset") -> None:
     from dimersweep.storage.cubefiles import modes_in
 
     if "observer_error" in cube:  # of one's own
-        errors = Counter(text.decode() for text in cube["observer_error"].values.ravel().tolist() if text)
+        errors = Counter(text for text in cube["observer_error"].values.ravel().tolist() if text)
         tell(
             *(f"status observer {count}: {text}" for text, count in errors.most_common()), observer_errors=dict(errors)
         )
@@ -224,7 +224,7 @@ def _print_loops(tell: Printer, cube: "xr.Dataset") -> None:
     from dimersweep.studies.loops import loops
 
     found = loops(cube)
-    axis, rows = found.attrs["axis"], []
+    axis, rows = found.attrs["parameter"], []
     for k in range(found.sizes["loop"]):
         loop = found.isel(loop=k)
         at = {str(name): loop[name].item() for name in loop.coords if name in PARAMETERS and found[name].ndim}

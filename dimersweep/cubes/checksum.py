@@ -7,6 +7,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.results import MESSAGE_BYTES
+
+
+def _type_of(variable: xr.Variable) -> np.dtype:
+    """The type that values are summed in, whatever one a copy keeps them in: classic files have no whole numbers of 64 bits."""
+    whole = "<i1" if "flag_values" in variable.attrs else "<i8"
+    known = {"f": "<f8", "i": whole, "u": whole} | dict.fromkeys("OSU", f"S{MESSAGE_BYTES}")
+    return np.dtype(known.get(variable.dtype.kind, variable.dtype))
+
 
 class Checksum:
     """The checksum of a cube whose values come in pieces.
@@ -18,16 +27,18 @@ class Checksum:
     """
 
     def __init__(self, cube: xr.Dataset) -> None:
-        heads = {
-            name: (each.dims, each.shape, each.dtype.kind, each.dtype.itemsize) for name, each in cube.variables.items()
-        }
-        self._sums = {str(name): sha256(repr(head).encode()) for name, head in heads.items()}
+        self._types = {str(name): _type_of(each) for name, each in cube.variables.items()}
+        heads = {str(name): (each.dims, each.shape) for name, each in cube.variables.items()}
+        kinds = {name: (each.kind, each.itemsize) for name, each in self._types.items()}
+        self._sums = {name: sha256(repr((*head, *kinds[name])).encode()) for name, head in heads.items()}
 
     def add(self, name: Any, values: np.ndarray) -> None:
         """Take the next values of a variable, in C order."""
         if values.dtype.kind == "f":
             values = np.where(np.isnan(values), np.nan, values)  # its bits mean nothing, and may change in a file
-        self._sums[str(name)].update(values.astype(values.dtype.newbyteorder("<"), copy=False).tobytes())
+        elif values.dtype.kind in "OU":
+            values = np.char.encode(values.astype(str), "utf-8")
+        self._sums[str(name)].update(values.astype(self._types[str(name)], copy=False).tobytes())
 
     def digest(self) -> str:
         """The sha256 of what was taken, whatever the order of the variables."""

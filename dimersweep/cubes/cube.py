@@ -11,6 +11,7 @@ import xarray as xr
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.cubes.results import POINT_STATUSES, Field, blank_results
 from dimersweep.errors import ParameterError, StoreError
+from dimersweep.faces import __version__
 from dimersweep.kernel.model.layout import CODE_WORDS, CODES, MODES, N_CODES, N_OUT, OUT, ROW
 from dimersweep.parameters import completed
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
@@ -26,6 +27,9 @@ FLAGS = {
     "confidence": ("not_run", "certain", "unsure", "changed"),
     "direction": DIRECTIONS,
 }
+CONVENTIONS, SOURCE = "CF-1.11", f"dimersweep {__version__}, event-driven simulation"  # of all data
+OF_A_RUN = "of a run of a 3D dimer on a vibrating plate"  # in titles
+WRAP = 1 << 31  # of the numbers by which texts are known
 _SUMMED = {"fletcher32": True}  # a checksum that the NetCDF library itself tests, in any program that reads the file
 PACKED = {"zlib": True, "complevel": 4, "shuffle": True, **_SUMMED}
 
@@ -67,8 +71,8 @@ def column(dims: Any, entries: Any, said: Quantity | str, words: Sequence[str] =
     """A column of a table: numbers with their unit, texts, or flags as int8, which are one of a few `words`.
 
     Entries of flags are their words or codes; of codes that have one word all get the first, so that each word has one code.
-    Truth values without words are flags, too, and stay such: xarray writes and reads them. Counts have 64 bits: a long run has
-    more events than 32 bits can count.
+    Truth values without words are flags, too, and stay such: xarray writes and reads them. Whole numbers have 32 bits where
+    these hold them, as programs that know classic files alone read no others.
     """
     values, quantity = np.asarray(entries), said if isinstance(said, Quantity) else Quantity("1", said)
     kind = values.dtype.kind
@@ -82,9 +86,16 @@ def column(dims: Any, entries: Any, said: Quantity | str, words: Sequence[str] =
         flags = {"flag_values": np.array([*distinct.values()]), "flag_meanings": " ".join(distinct)}
         return xr.Variable(dims, coded, {"long_name": quantity.long_name} | flags)
     if kind in "OSU":
-        return xr.Variable(dims, values, {"long_name": quantity.long_name})
-    number = float if kind == "f" else np.int64
+        texts = np.char.decode(values, "utf-8") if kind == "S" else values
+        # signs, and not strings of any length, which classic files and many programs do not have
+        return xr.Variable(dims, texts, {"long_name": quantity.long_name}, {"dtype": "S1"})
+    number = float if kind == "f" else kind_of_whole(values)
     return xr.Variable(dims, values.astype(number, copy=False), quantity.attributes(number))
+
+
+def kind_of_whole(numbers: np.ndarray) -> type[np.signedinteger[Any]]:
+    """The type that whole numbers are kept in: 32 bits, or 64 where one of them needs these."""
+    return np.int32 if np.array_equal(numbers, numbers.astype(np.int32)) else np.int64
 
 
 def fixed_coordinates(parameters: Mapping[str, float]) -> dict[str, xr.Variable]:
@@ -92,11 +103,17 @@ def fixed_coordinates(parameters: Mapping[str, float]) -> dict[str, xr.Variable]
     return {name: labelled(xr.Variable((), value), PARAMETERS[name]) for name, value in parameters.items()}
 
 
-def without_fill(table: xr.Dataset) -> xr.Dataset:
-    """A table that is written without a fill value for its coordinates, which CF forbids."""
+def finished(table: xr.Dataset, title: str) -> xr.Dataset:
+    """A table that tells what it is, and is written without a fill value for its coordinates, which CF forbids."""
     for name in table.coords:
         table[name].encoding["_FillValue"] = None
-    return table
+    told = {
+        "Conventions": CONVENTIONS,
+        "title": title,
+        "source": SOURCE,
+        "history": f"made by dimersweep {__version__}",
+    }
+    return table.assign_attrs(told | table.attrs)
 
 
 def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -116,7 +133,7 @@ def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[st
     Returns
     -------
     xarray.Dataset
-        `mode`, `status`, `di_end` (int8 with flag meanings), counts (int64) and the float quantities, each with units.
+        `mode`, `status`, `di_end` (int8 with flag meanings), counts (int32) and the float quantities, each with units.
     """
     dims = tuple(grid.axes)
     columns = dict(zip((*CODES, *OUT), (*codes.T, *out.T), strict=True))
@@ -146,7 +163,8 @@ def results_in(cube: xr.Dataset, kind: np.dtype, fields: Iterable[Field]) -> np.
     results = blank_results(cube["mode"].size, kind)
     results["out"], results["codes"] = flatten(cube)
     for field in fields:
-        results[field.name] = cube[field.name].values.reshape(results[field.name].shape)
+        values = cube[field.name].values.reshape(results[field.name].shape)
+        results[field.name] = np.char.encode(values.astype(str), "utf-8") if values.dtype.kind in "OU" else values
     return results
 
 
@@ -179,20 +197,25 @@ def settings_in(configuration: Mapping[str, Any]) -> dict[str, float]:
         "max_periods": late or configuration.get("max_periods", first),
         "rtol": configuration["rtol"],
         "stop_when_settled": int(configuration.get("stop_when_settled", True) and not late),
-        "kernel": kernel_number(configuration["kernel_version"]),
+        "kernel": number_of(configuration["kernel_version"]),
     }
     return told | ({"line": line_number(configuration)} if "direction" in configuration.get("grid", {}) else {})
 
 
-def kernel_number(version: str) -> int:
-    """The version of a kernel as a number that a float holds, too."""
-    return crc32(version.encode())
+def number_of(told: str) -> int:
+    """A number of a text, of 31 bits: as a whole number of classic files holds it, and a float, too."""
+    return crc32(told.encode()) % WRAP
+
+
+def same_number(one: float, other: float) -> bool:
+    """Whether these are numbers of one text: former cubes have 32 bits of it, which a classic copy of theirs wraps round."""
+    return one % WRAP == other % WRAP
 
 
 def line_number(configuration: Mapping[str, Any]) -> int:
     """A number of the axis along which a state was carried, of its values, and of the names of what else was given."""
     *others, (axis, values) = configuration["grid"].items()
-    return crc32(json.dumps([axis, values, *sorted({*dict(others), *configuration["fixed"]})]).encode())
+    return number_of(json.dumps([axis, values, *sorted({*dict(others), *configuration["fixed"]})]))
 
 
 def signed(cube: xr.Dataset, configuration: Mapping[str, Any]) -> xr.Dataset:
@@ -214,7 +237,7 @@ def made_number(point: xr.Dataset, varied: Collection[str]) -> int:
     """A number of the parameters and settings of a point but for the kernel, and for those that are `varied`."""
     names = [name for name in (*ROW, *SETTINGS) if name in point.variables and name not in (*varied, "kernel")]
     told = [(name, float(point.variables[name].values.item())) for name in names]
-    return crc32(json.dumps(told).encode())
+    return number_of(json.dumps(told))
 
 
 def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:

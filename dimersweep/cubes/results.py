@@ -28,6 +28,7 @@ POINT_MESSAGES = (
     *STATUS_MESSAGES,
     "the run reached its end, and the observer of one's own raised, or gave what it had not declared",
 )
+MESSAGE_BYTES = 100  # of what is kept of an error of an observer
 RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])  # of the run of one point
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import fixed_coordinates
+from dimersweep.cubes.cube import column, finished, fixed_coordinates
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.inputs import check_switch
 from dimersweep.orbits import bifurcation_curve, pitchfork_curve, sequence_curve, stability_end  # noqa: F401 - they enter the curves of all kinds
@@ -256,19 +256,20 @@ def _dataset(walk: Walk) -> xr.Dataset:
     table = curve.table(rows, "found", cost | curve.columns(rows))
     at = tuple(np.array(list(walk.found)).T)
     result = xr.Dataset(coords={name: (name, values, PARAMETERS[name].attributes()) for name, values in axes.items()})
-    for name, column in table.data_vars.items():
-        values = np.full(walk.shape + column.shape[1:], EMPTY.get(column.dtype.kind, np.nan), dtype=column.dtype)
-        values[at] = column.values
-        result[name] = ((*axes, *column.dims[1:]), values, column.attrs)
+    for name, each in table.data_vars.items():
+        values = np.full(walk.shape + each.shape[1:], EMPTY.get(each.dtype.kind, np.nan), dtype=each.dtype)
+        values[at] = each.values
+        result[name] = ((*axes, *each.dims[1:]), values, each.attrs, each.encoding)
     told = walk.told()
     said = [told[index] for index in np.ndindex(walk.shape)]
-    result["status"] = (tuple(axes), np.reshape(said, walk.shape), {"long_name": FOUND_HOW})
+    result["status"] = column(tuple(axes), np.reshape(said, walk.shape), FOUND_HOW)
     where = np.array([[*place.y, place.found.value] for place, _ in met]).reshape(-1, len(axes) + 1)
     for name, places in zip((*axes, curve.parameter), where.T, strict=True):
         units = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet").attributes()
         result[f"{name}_at_meeting"] = ("meeting", places, units)
     names = np.array([name for _, name in met], dtype=str)
-    result["meets"] = ("meeting", names, {"long_name": "the two borders that meet"})
+    result["meets"] = column("meeting", names, "the two borders that meet")
     fixed = {name: value for name, value in curve.given.items() if name not in (*axes, curve.parameter)}
     about = {name: table.attrs[name] for name in ("kind", "parameter", "spin", "cost")}
-    return result.assign_coords(fixed_coordinates(fixed)).assign_attrs(about | {"rtol": curve.rtol})
+    result = result.assign_coords(fixed_coordinates(fixed)).assign_attrs(about | {"rtol": curve.rtol})
+    return finished(result, f"Border of periodic orbits: {curve.kind.name} in {curve.parameter}")

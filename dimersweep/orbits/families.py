@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import BarycentricInterpolator
 
+from dimersweep.cubes.cube import finished
 from dimersweep.cubes.grid import evenly
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_count, check_rtol, pair_of
@@ -87,8 +88,8 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     table = dataset([orbits[k] for k in kept], "spin_").drop_vars(["spin", "cost"])
     coordinate = ("spin", spins[kept], {"units": "rad s-1", "long_name": "axial spin after the double impact"})
     table = table.rename_dims({"spin_": "spin"}).assign_coords(spin=coordinate)
-    table.attrs |= ends | {"cost": recorder.periods - start + first.cost, "rtol": rtol}
-    return table
+    told = ends | {"cost": recorder.periods - start + first.cost, "rtol": rtol}
+    return finished(table.assign_attrs(told), "Periodic orbits over the axial spin")
 
 
 def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[float, float]:

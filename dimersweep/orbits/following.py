@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import finished
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count
 from dimersweep.orbits.branch import Axis, Point, point_of
@@ -98,7 +99,7 @@ def follow(
         columns[parameter] = ([row.value for row in rows], PARAMETERS[parameter])
     table = dataset([row.orbit for row in rows], "point", columns)
     table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
-    return table.set_coords(parameter)
+    return finished(table.set_coords(parameter), f"Branch of periodic orbits in {parameter}")
 
 
 class Trace(NamedTuple):

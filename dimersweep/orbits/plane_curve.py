@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import finished
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch, pair_of
 from dimersweep.orbits.branch import Axis
@@ -209,4 +210,5 @@ def border_curve(
         "meets": ([special for _, special in rows], meets),
     }
     table = curve.table(all_found, "point", columns | Curve.columns(curve, all_found))
-    return table.assign_attrs(other=other, ends=[before, after]).set_coords([parameter, other])
+    table = table.assign_attrs(other=other, ends=f"{before}; {after}").set_coords([parameter, other])
+    return finished(table, f"Border of periodic orbits: {kind} over {parameter} and {other}")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import column, fixed_coordinates
+from dimersweep.cubes.cube import column, finished, fixed_coordinates
 from dimersweep.errors import OrbitError
 from dimersweep.inputs import check_rtol
 from dimersweep.orbits.families import BEGIN_AT, spin_range
@@ -135,7 +135,8 @@ def _dataset(flow: SlowFlow, given: dict[str, float], recorder: Recorder, rtol: 
     table = dataset([orbit for orbit, _ in found], "sustained", columns).drop_vars("cost")
     for name, (values, said) in _sheets(flow).items():
         table[name] = column("sheet", values, said)
-    return table.assign_coords(fixed_coordinates(given)).assign_attrs(rtol=rtol, cost=recorder.periods)
+    table = table.assign_coords(fixed_coordinates(given)).assign_attrs(rtol=rtol, cost=recorder.periods)
+    return finished(table, "Axial spins at which nothing drifts")
 
 
 def _sheets(flow: SlowFlow) -> dict[str, tuple[np.ndarray, Quantity]]:

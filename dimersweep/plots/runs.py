@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from dimersweep.cubes.cube import names
+from dimersweep.cubes.cube import OF_A_RUN, finished, names
 from dimersweep.cubes.seen_run import SeenRun, check_shown
 from dimersweep.inputs import as_number, as_numbers
 from dimersweep.parameters import dimer_from
@@ -102,7 +102,8 @@ def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
     }
     course = {name: ("stage", values, STATE_QUANTITIES[name].attributes()) for name, values in columns.items()}
     kinds = np.append(rows["contact_before"][:1], rows["kind"])
-    return xr.Dataset(course | {"kind": ("stage", kinds, rows["kind"].attrs)})
+    told = xr.Dataset(course | {"kind": ("stage", kinds, rows["kind"].attrs)})
+    return finished(told, f"Rates through a double impact {OF_A_RUN}")
 
 
 def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *, color: str | None = None) -> None:

@@ -3,12 +3,13 @@
 import warnings
 from collections.abc import Callable
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import check_codes, kernel_number, names
+from dimersweep.cubes.cube import check_codes, names, number_of, same_number
 from dimersweep.cubes.findings import nearest
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.inputs import check_count, check_switch
@@ -18,7 +19,8 @@ from dimersweep.runs.behind import AS_MADE, behind
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.run import Run
 from dimersweep.runs.solving import exactly
-from dimersweep.storage.cubefiles import modes_in
+from dimersweep.storage.cubefiles import modes_in, write_cube
+from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
 
 def is_of_this_kernel(kernel: float, what: str) -> bool:
     """Whether a cube was made by this kernel, whose number it tells; if not, warn of runs that are made again."""
-    if kernel == kernel_number(kernel_version()):
+    if same_number(kernel, number_of(kernel_version())):
         return True
     warnings.warn(f"the cube was made by another version of the kernel; {what}", RuntimeWarning, stacklevel=3)
     return False
@@ -117,6 +119,32 @@ class DatasetAccessor:
         table = xr.Dataset(columns)
         fixed = [name for name, each in table.coords.items() if not each.ndim]
         return table.drop_vars(fixed).to_dataframe(dim_order=list(dims))
+
+    def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
+        """Write the data as a NetCDF file that other programs read, too, as those are that this program writes itself.
+
+        Besides what `to_netcdf` of xarray writes, numbers have their range (`actual_range`), texts that are not ASCII are
+        bytes, and what lies along a dimension of length 0 is left out.
+
+        Parameters
+        ----------
+        path : path-like
+            Ends in .nc.
+        force : bool
+            Whether it may be replaced.
+
+        Returns
+        -------
+        Path
+
+        Raises
+        ------
+        ParameterError, StoreError
+            If it has another ending, exists already, or cannot be written.
+        """
+        path = check_output(path, force=force, name="path", what="a dataset", endings=TABLES)
+        write_cube(self._data, path, force=force)
+        return path
 
     def drifts(self) -> xr.DataArray:
         """Which points drift, bool, over the axes of the cube."""

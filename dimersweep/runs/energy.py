@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import column
+from dimersweep.cubes.cube import OF_A_RUN, column, finished
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.body import dimer_of
@@ -71,7 +71,7 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
         np.add.at(sums, np.minimum(periods, count), np.column_stack([works, residual]))
         works, residual = sums[:-1, :-1], sums[:-1, -1]
         energy, labels, dim = at_starts[np.searchsorted(segments[:, PERIOD], np.arange(1, count + 1))], {}, "n"
-        index = {"n": ("n", np.arange(count), {"units": "1", "long_name": "number of the forcing period"})}
+        index = {"n": column("n", np.arange(count), "number of the forcing period")}
     else:
         phases = joined(segments[:-1, PHASE], events[rows, E_PHASE])
         kinds = joined(code_of(*segments[:-1, SEGMENT_MODES : SEGMENT_MODES + 2].T), events[rows, E_KIND]).astype(int)
@@ -81,10 +81,10 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
             "kind": column("part", kinds, EVENT_QUANTITIES["kind"], CONTACT_STATES),
             "cause": column("part", causes, EVENT_QUANTITIES["cause"], (*CAUSES, BETWEEN)),
         }
-        index = {"time": ("part", times_of(periods, phases, f), EVENT_QUANTITIES["time"].attributes())}
+        index = {"time": column("part", times_of(periods, phases, f), EVENT_QUANTITIES["time"])}
     columns = dict(zip(WORK_NAMES, works.T, strict=True)) | {"energy": energy, "residual": residual}
     variables = {name: (dim, columns[name], quantity.attributes()) for name, quantity in WORKS.items()}
-    return xr.Dataset(labels | variables, index, attributes)
+    return finished(xr.Dataset(labels | variables, index, attributes), f"Energy budget {OF_A_RUN}")
 
 
 def _greatest_way(smooth: np.ndarray, flows: np.ndarray, struck: np.ndarray) -> float:

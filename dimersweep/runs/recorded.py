@@ -4,12 +4,11 @@ import json
 from collections.abc import Mapping
 from math import pi
 from typing import NamedTuple
-from zlib import crc32
 
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import column
+from dimersweep.cubes.cube import OF_A_RUN, column, finished, number_of, same_number
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.compiler.jit import plain
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, N_F
@@ -100,7 +99,7 @@ def events_of(record: RunRecord) -> xr.Dataset:
         for way in ("a", "b"):
             name = f"slip_{own + 1}_{way}"
             columns[name] = np.where(bystander, np.nan, columns[name])
-    return _dataset(columns, EVENT_QUANTITIES, "event")
+    return finished(_dataset(columns, EVENT_QUANTITIES, "event"), f"Events {OF_A_RUN}")
 
 
 def _move_to_ends_of_hops(record: RunRecord, columns: dict[str, np.ndarray]) -> np.ndarray:
@@ -319,7 +318,7 @@ def made_with(parameters: Mapping[str, float]) -> xr.Variable:
     """A number of the parameters of a run but for its start, which tells them, and by which states put together are known."""
     told = json.dumps({name: value for name, value in parameters.items() if name not in START})
     about = {"units": "1", "long_name": "number of the run's parameters", "parameters": told}
-    return xr.Variable((), crc32(told.encode()), about)
+    return xr.Variable((), np.int32(number_of(told)), about)
 
 
 def parameters_in(states: xr.Dataset) -> dict[str, float]:
@@ -332,7 +331,7 @@ def parameters_in(states: xr.Dataset) -> dict[str, float]:
     """
     made = states.variables.get("made_with")
     told = "" if made is None else made.attrs.get("parameters", "")
-    if made is not None and (made.size != 1 or made.values.item() != crc32(told.encode())):
+    if made is not None and (made.size != 1 or not same_number(made.values.item(), number_of(told))):
         raise ParameterError("start: states of several runs were put together; take one from the run that it is of")
     known: dict[str, float] = json.loads(told or "{}")
     return known

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 import xarray as xr
 
+from dimersweep.cubes.cube import OF_A_RUN, finished
 from dimersweep.cubes.seen_run import check_shown, meanings
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_numbers, check_count
@@ -280,6 +281,7 @@ class Run(RunNumbers):
             )
         times = as_numbers("t", t, "s")
         states = states_of(record, times).assign_coords(made_with=made_with(self.parameters))
+        states = finished(states, f"States {OF_A_RUN}")
         return states if np.ndim(t) else states.isel(time=0)
 
     def energy(self, by: "By" = "period") -> xr.Dataset:

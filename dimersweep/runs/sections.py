@@ -6,7 +6,7 @@ from typing import Literal, get_args
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import names
+from dimersweep.cubes.cube import column, names
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number
@@ -39,7 +39,7 @@ def section_of(run: SeenRun, at: At, phase: float | str | None) -> xr.Dataset:
         times = np.arange(run.n_periods + 1) / f
     points = run.states(times).swap_dims(time="n").assign(before)
     name = "number of the point" if at != "period" else "forcing periods since the start"
-    return points.assign_coords(n=("n", np.arange(points.sizes["n"]), {"units": "1", "long_name": name}))
+    return points.assign_coords(n=column("n", np.arange(points.sizes["n"]), name))
 
 
 def impacts_at(events: xr.Dataset, at: str) -> np.ndarray:

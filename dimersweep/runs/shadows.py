@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from dimersweep.cubes.cube import names
+from dimersweep.cubes.cube import OF_A_RUN, column, finished, names
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.inputs import RTOL_RANGE
 from dimersweep.kernel.batch import Workspace
@@ -177,7 +177,8 @@ def bounds(run: SeenRun, shadows: Sequence[SeenRun], times: np.ndarray, T: float
     )
     variables["slip_undecided"] = ((), parted, {"units": "s", "long_name": meaning})
     coordinates = {name: run.events[name].variable for name in ("cause", "kind")}
-    return xr.Dataset(variables, coordinates | {"time": ("time", times, EVENT_QUANTITIES["time"].attributes())})
+    coordinates["time"] = column("time", times, EVENT_QUANTITIES["time"])
+    return finished(xr.Dataset(variables, coordinates), f"Bounds on the errors {OF_A_RUN}")
 
 
 def _parting(run: SeenRun, late: np.ndarray, total: np.ndarray, times: np.ndarray) -> float:

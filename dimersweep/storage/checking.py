@@ -1,5 +1,6 @@
 """Whether what was read is the program's, and still as it was written: its configuration, its coordinates and its values."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -100,6 +101,21 @@ def check_unchanged(cube: xr.Dataset, path: str | Path) -> None:
     if soundness(cube) != "whole":
         raise StoreError(
             f"{path}: is a cube whose coordinates or values were changed since it was written; sweep it again"
+        )
+
+
+def check_configured(cube: xr.Dataset, path: str | os.PathLike[str]) -> None:
+    """Refuse a cube whose configuration is that of other points, as xarray keeps the first one's of several cubes.
+
+    Raises
+    ------
+    StoreError
+    """
+    if not _has_declared_axes(cube):
+        points = " x ".join(f"{name} ({n})" for name, n in cube["mode"].sizes.items()) or "one point"
+        raise StoreError(
+            f"{path}: its configuration is that of other points than it has, {points}: it was cut, or put together of "
+            "several; give the cubes as they were made"
         )
 
 

@@ -3,13 +3,14 @@
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from operator import eq
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import FLAGS, check_codes, check_flags, settings_in
+from dimersweep.cubes.cube import FLAGS, check_codes, check_flags, same_number, settings_in
 from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.errors import StoreError
 from dimersweep.kernel.model.layout import MODES
@@ -164,4 +165,7 @@ def _fixed_as_configured(cube: xr.Dataset, configuration: Mapping[str, Any]) -> 
     varied = {*configuration.get("grid", {}), *configuration.get("points", {})}
     single = {name for name, each in cube.coords.items() if not each.ndim} - varied
     settings = completed(configuration.get("fixed", {})) | (settings_in(configuration) if single & {*SETTINGS} else {})
-    return all(bool(cube[name] == value) for name, value in settings.items() if name in single)
+    compare = dict.fromkeys(("kernel", "line"), same_number)
+    return all(
+        compare.get(name, eq)(cube[name].values.item(), value) for name, value in settings.items() if name in single
+    )

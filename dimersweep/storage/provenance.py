@@ -16,6 +16,7 @@ from typing import Any, get_args
 
 import numpy as np
 
+from dimersweep.cubes.cube import CONVENTIONS, SOURCE
 from dimersweep.errors import ParameterError
 from dimersweep.faces import __version__
 from dimersweep.inputs import as_number
@@ -155,9 +156,9 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
     """
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return {
-        "Conventions": "CF-1.11",
+        "Conventions": CONVENTIONS,
         "title": title,
-        "source": f"dimersweep {__version__}, event-driven simulation",
+        "source": SOURCE,
         "references": "Ratchet rotation of a 3D dimer on a vibrating plate",
         "history": f"{now} swept by dimersweep {__version__}",
         "dimersweep_cube": FILE_FORMAT,

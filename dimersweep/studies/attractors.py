@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import column, coordinate, fixed_coordinates, without_fill
+from dimersweep.cubes.cube import column, coordinate, finished, fixed_coordinates
 from dimersweep.cubes.grid import axis_values, make_points
 from dimersweep.cubes.results import Field
 from dimersweep.errors import ParameterError
@@ -38,6 +38,7 @@ from dimersweep.symbols import PARAMETERS, START, Quantity
 from dimersweep.work.computing import settle_way
 from dimersweep.work.options import make_options
 
+TITLE = "Attractors and the shares of starts that lead to them"
 STARTING = (*START, "phi0")  # parameters that starts are drawn from
 NONE = -1  # in place of the number of a start
 FATES = ("none", *SPIN_KINDS, *MODES[1:])  # of a spin that stays somewhere, or of a motion that leaves its family
@@ -188,8 +189,7 @@ def attractors(
     data = study.as_cube(in_memory(study, make_options(workers=workers, progress=progress))[0])
     if out is not None:
         asked = {"periods": periods, "max_periods": max_periods, "rtol": rtol, "mirror": mirrored, "level": wanted}
-        about = attributes(asked, "Attractors and the shares of starts that lead to them", perf_counter() - began)
-        write_cube(without_fill(data.assign_attrs(about)), out, force=force)
+        write_cube(data.assign_attrs(attributes(asked, TITLE, perf_counter() - began)), out, force=force)
     return data
 
 
@@ -325,8 +325,9 @@ class Census(Study):
         else:
             data = data.assign_coords({axis: (axis, self.values, PARAMETERS[axis].attributes())})
             self._add_changes(data, rows)
-        cost = int(results["codes"][:, CODE_N_PERIODS].sum())
-        return data.assign_coords(fixed_coordinates(self.grid.fixed)).assign_attrs(plot="attractors", cost=cost)
+        cost = float(results["codes"][:, CODE_N_PERIODS].sum())
+        data = data.assign_coords(fixed_coordinates(self.grid.fixed)).assign_attrs(plot="attractors", cost=cost)
+        return finished(data, TITLE)
 
     def _labelled(self, rows: Sequence[Mapping[int, Attractor]], number: int) -> xr.Dataset:
         """The attractors of each value, so many in all, and the one of each start."""
@@ -359,8 +360,6 @@ class Census(Study):
     def _of_each_start(self, field: Field, values: np.ndarray, axis: str) -> xr.Variable:
         """What an observer tells of each start."""
         dims = (axis, "start", *([field.along.name] if field.along else []))
-        if values.dtype.kind == "S":
-            values = values.astype(str)
         return column(dims, values.reshape(self.values.size, -1, *field.shape), field.quantity)
 
     def _classifier(self, k: int, results: np.ndarray) -> Classifier:

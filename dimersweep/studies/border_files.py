@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 
-from dimersweep.cubes.cube import column, without_fill
+from dimersweep.cubes.cube import column, finished
 from dimersweep.cubes.grid import axis_values, evenly, fixed_value
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
 from dimersweep.inputs import as_number, check_count
@@ -233,7 +233,7 @@ def make_borders(
                 tables.append(make(tell) if out is None else kept_part(store, place, name, partial(make, tell)))
             attrs = attributes(declared.configuration, declared.borders.title, perf_counter() - start)
             attrs["dimersweep_borders"] = attrs.pop("dimersweep_cube")
-            made = without_fill(_joined(declared, tables).assign_attrs(attrs))
+            made = finished(_joined(declared, tables).assign_attrs(attrs), declared.borders.title)
             if out is not None:
                 write_cube(made, out, force=force)
         except KeyboardInterrupt as stop:
@@ -285,8 +285,7 @@ def plan_borders(declared: Borders, out: Path) -> list[str]:
 def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
     """One dataset of all parts: curves along `border`, branches along `point`, families along `over`; meetings one by one."""
     along = {"curves": "border", "branches": "point", "families": "over"}[declared.what]
-    beside = [name for name in tables[0].data_vars if "meeting" in tables[0][name].dims]
-    own = [table.drop_vars(beside) for table in tables]
+    own, met = zip(*(_parted(table) for table in tables), strict=True)
     kinds = {name: each.dtype for table in own for name, each in table.data_vars.items()}
     # what stands where a kind of border has no such column; NaN for numbers
     lacking = {name: "" if kind.kind in "OU" else kind.type(0) for name, kind in kinds.items() if kind.kind in "OUbi"}
@@ -300,13 +299,19 @@ def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
             made = made.assign_coords({name: column(along, values, PARAMETERS[name])})
     if declared.curves is not None:
         made = made.assign_coords(kind=column(along, declared.curves.kinds, "kind of border", kind_words()))
-        met = xr.concat([table[beside] for table in tables], dim="meeting", combine_attrs="override")
-        made = made.assign({name: met[name] for name in beside})
+        if some := [each for each in met if each]:  # those of a curve that meets none are not written
+            made = made.assign(xr.concat(some, dim="meeting", combine_attrs="override").data_vars)
     if part := declared.curves or declared.branches:
         made.attrs["parameter"] = part.parameter
     for variable in made.variables.values():
-        variable.encoding.pop("dtype", None)  # that of the first part, in which words may be shorter
+        variable.encoding = {"dtype": "S1"} if variable.dtype.kind in "OU" else {}  # not those of the first part
     return made.assign_attrs(what=declared.what)
+
+
+def _parted(table: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+    """A table without what lies along its meetings, and that."""
+    beside = [name for name, each in table.data_vars.items() if "meeting" in each.dims]
+    return table.drop_vars(beside), table[beside].reset_coords(drop=True)
 
 
 def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Dataset:
@@ -350,7 +355,7 @@ def _family(declared: Borders, families: Families, point: dict[str, float], tell
         raise
     tell(f"{_at(point, declared)}{table.sizes['spin']} spins; {table.attrs['low_end']}; {table.attrs['high_end']}")
     words = {name: f"why the family ends at its {name.split('_')[0]}er spin" for name in ("low_end", "high_end")}
-    ends = {name: ((), table.attrs[name], {"long_name": text}) for name, text in words.items()}
+    ends = {name: column((), table.attrs[name], text) for name, text in words.items()}
     table = table.drop_vars([name for name in table.data_vars if table[name].dtype.kind not in "fc"])
     spin_attrs = table["spin"].attrs
     table = table.reindex(spin=evenly(families.spin[0], families.spin[1], families.points)).assign(ends)

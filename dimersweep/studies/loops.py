@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import column, variable
+from dimersweep.cubes.cube import column, finished, variable
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.cubes.results import runs
 from dimersweep.errors import ParameterError
@@ -121,7 +121,7 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
     table = _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
     for name in cube.data_vars.keys() & {*configuration.get("observe", {}).get("variables", ())}:
         table = table.assign(_observed(cube[name].transpose(*others, "direction", axis, ...), len(others), found))
-    return table.assign_attrs(axis=axis, cost=cost)
+    return finished(table.assign_attrs(parameter=axis, cost=float(cost)), f"Loops of hysteresis along {axis}")
 
 
 def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[Ends]:

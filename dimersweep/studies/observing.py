@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
-from dimersweep.cubes.results import OBSERVER_FAILED, RESULT, Along, Field
+from dimersweep.cubes.results import MESSAGE_BYTES, OBSERVER_FAILED, RESULT, Along, Field
 from dimersweep.errors import ParameterError, one_line, unknown
 from dimersweep.inputs import as_number, as_numbers, check_count, check_switch
 from dimersweep.kernel.batch import Workspace, is_stopped
@@ -28,8 +28,8 @@ from dimersweep.studies.observers import MAX_NUMBERS, Observer, Ran
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 
 DECLARED = "observer_declaration"  # attribute of what `observer` has marked
-MESSAGE_BYTES = 100  # of what is kept of an error
 WHY = Field("observer_error", QUANTITIES["observer_error"], f"S{MESSAGE_BYTES}", about="status")
+CUT = b"..."  # at the end of an error that is longer
 RECORDED = "a run that an observer looks at"
 
 F = TypeVar("F")
@@ -346,8 +346,10 @@ class OwnObserver(Observer):
 
     def failed(self, result: np.void, error: Exception) -> None:
         """Note that it has failed at a point; other points do not suffer."""
-        why = f"{type(error).__name__}: {one_line(error)}"
-        result[WHY.name] = why.encode("ascii", "backslashreplace")[:MESSAGE_BYTES]
+        why = f"{type(error).__name__}: {one_line(error)}".encode(errors="backslashreplace")
+        if len(why) > MESSAGE_BYTES:
+            why = why[: MESSAGE_BYTES - len(CUT)].decode(errors="ignore").encode() + CUT
+        result[WHY.name] = why
         result["codes"][CODE_STATUS] = OBSERVER_FAILED
 
     def observe(self, ran: Ran, space: Workspace) -> None:

@@ -13,7 +13,7 @@ from xarray.backends.locks import HDF5_LOCK, NETCDFC_LOCK, DummyLock, combine_lo
 
 from dimersweep.errors import StoreError
 from dimersweep.storage.files import replacing
-from dimersweep.storage.formats.format import Format
+from dimersweep.storage.formats.format import Format, as_made, for_others
 
 PART_BYTES = 1 << 26  # of a cube, that are written at once
 DEFLATED = 1100  # zlib makes nothing smaller by more than this
@@ -38,7 +38,7 @@ def _parts(cube: xr.Dataset) -> Iterator[xr.Dataset]:
 def write_netcdf(dataset: xr.Dataset, path: Path, scratch: Path | None = None) -> None:
     """Write a dataset to a temporary file, see `replacing`, which then takes the name `path` in one step."""
     with replacing(path, scratch) as temporary:
-        for number, part in enumerate(_parts(dataset)):
+        for number, part in enumerate(_parts(for_others(dataset))):
             # without xarray's locks: it would wait for those that are held, and ask a cluster that may have gone for one more
             mode, name = "a" if number else "w", os.fspath(temporary)
             with ONE_THREAD, NetCDF4DataStore.open(name, mode, lock=DummyLock()) as store:
@@ -74,7 +74,7 @@ def opened_netcdf(path: Path) -> Iterator[xr.Dataset]:
             if declared > DEFLATED * size:
                 raise StoreError(f"{path}: declares {declared} bytes, which its {size} cannot hold; it is damaged")
             with xr.open_dataset(path, engine="netcdf4", cache=False, lock=DummyLock()) as dataset:
-                yield dataset
+                yield as_made(dataset)
     except StoreError:
         raise
     except (OSError, ValueError, RuntimeError, AttributeError, MemoryError) as error:

@@ -18,7 +18,7 @@ from dimersweep.errors import StoreError, one_line
 from dimersweep.storage.blocks import blocks, chunk_shape
 from dimersweep.storage.checking import soundness
 from dimersweep.storage.files import replacing, sync
-from dimersweep.storage.formats.format import Format
+from dimersweep.storage.formats.format import Format, as_made, range_of
 from dimersweep.storage.provenance import CHECKSUM
 
 WRITERS = 4  # threads at most: the disk is soon the limit
@@ -78,7 +78,7 @@ def write_zarr(
     import zarr
 
     template, (made_with,) = _template(grid, small), small["made_with"].values.ravel()
-    checksum, writing = Checksum(template), list[Future[None]]()
+    checksum, writing, ranges = Checksum(template), list[Future[None]](), dict.fromkeys(template.data_vars, np.empty(0))
     # chunks of nothing but missing values are written too, so that one that is missing is known to be lost
     whole = zarr.config.set({"array.write_empty_chunks": True})
     with replacing(path, scratch), whole, ThreadPoolExecutor(min(workers, WRITERS)) as threads:
@@ -90,15 +90,21 @@ def write_zarr(
         for tile, where in blocks(grid.shape):
             axes = {name: values[part] for (name, values), part in zip(grid.axes.items(), where, strict=True)}
             block = block_of(tile, Grid(axes, {}))
-            block["made_with"] = xr.full_like(block["mode"], made_with, dtype=np.int64)
+            block["made_with"] = xr.full_like(block["mode"], made_with, dtype=made_with.dtype)
             for future in writing:
                 future.result()
             writing = []
             for name, variable in block.data_vars.items():
                 checksum.add(name, variable.values)
+                if not np.can_cast(variable.dtype, arrays[str(name)].dtype):
+                    raise StoreError(f"{path}: {name} has counts beyond 32 bits; give a NetCDF file")
+                ranges[name] = range_of(np.append(ranges[name], range_of(variable.values)))
                 writing.append(threads.submit(arrays[str(name)].__setitem__, where, variable.values))
         for future in writing:
             future.result()
+        for name, ends in ranges.items():
+            if ends.size:
+                arrays[str(name)].attrs["actual_range"] = ends.astype(template[name].dtype).tolist()
         group.attrs[CHECKSUM] = checksum.digest()
         list(threads.map(sync, (path for path in scratch.rglob("*") if path.is_file())))
 
@@ -112,6 +118,7 @@ def _template(grid: Grid, small: xr.Dataset) -> xr.Dataset:
     summed = {"compressors": [ZstdCodec(checksum=True)]}
     coordinates = {str(name): each.variable for name, each in small.coords.items()} | coordinates_of(grid)
     for variable in coordinates.values():
+        variable.attrs["actual_range"] = range_of(variable.values).tolist()
         variable.encoding = {"_FillValue": None} | (summed if variable.dims else {})
     lazy = {
         name: xr.Variable(
@@ -212,7 +219,7 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
         )
     if found == "changed" or (ours and CHECKSUM not in cube.attrs):
         raise StoreError(f"{path}: is damaged: {name} lacks {number} of its chunks; sweep it again (force=True)")
-    yield cube
+    yield as_made(cube)
 
 
 ZARR = Format(".zarr", "Zarr", "Zarr group", opened_zarr, write_blocks=write_zarr, check=check_zarr, marker="zarr.json")
