@@ -10,8 +10,11 @@ import zarr
 
 import dimersweep
 from dimersweep.cubes.cube import names
-from dimersweep.errors import StoreError
+from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.layout import ROW_BETA0
+from dimersweep.storage.checking import checksum_of
+from dimersweep.storage.cubefiles import open_cube
+from dimersweep.studies.declared import from_cube
 from dimersweep.studies.making import _places
 from dimersweep.studies.refine import refine
 from dimersweep.studies.search import search
@@ -251,3 +254,68 @@ def test_a_point_is_taken_over_bit_for_bit_only(unit):
     for beside in (np.nextafter(old, -np.inf), np.nextafter(old, np.inf), old * (1 - 1e-13), old * (1 + 1e-13)):
         assert _places(old, beside).tolist() == [-1] * 4
     assert _places(old, unit * np.array([0.0, 0.15, 1.0])).tolist() == [-1] * 3
+
+
+# --- copies that other programs made, or xarray -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", ["NETCDF4_CLASSIC", "NETCDF3_64BIT", "NETCDF3_CLASSIC"])
+@pytest.mark.parametrize("make", MAKERS)
+def test_a_copy_in_a_classic_format_is_the_same_cube(asked, make, kind):
+    """These have no whole numbers of 64 bits."""
+    reference = make(out="c.nc")
+    with xr.open_dataset("c.nc") as cube:
+        cube.load().to_netcdf("copy.nc", format=kind)
+    os.replace("copy.nc", "c.nc")
+    asked.clear()
+    xr.testing.assert_equal(make(out="c.nc"), reference)
+    assert not asked
+    assert open_cube("c.nc")["n_events"].dtype == np.int32
+
+
+def test_whole_numbers_of_a_former_cube_have_64_bits_and_the_same_checksum(asked):
+    cube = sweep(out="c.nc")
+    wide = cube.copy()
+    for name in cube.variables:
+        if cube[name].dtype == np.int32:
+            wide[name] = cube[name].astype(np.int64)
+    wide["made_with"] += 1 << 31  # the bit that they had besides
+    assert checksum_of(wide.assign(made_with=cube["made_with"])) == checksum_of(cube) == cube.attrs["values_sha256"]
+    point = wide.isel(f=0, beta0=3)
+    runs = [dimersweep.simulate(start=each, periods=3) for each in (point, cube.isel(f=0, beta0=3))]
+    assert runs[0].parameters == runs[1].parameters
+
+
+def merged(cube):
+    """Parts of a cube as `open_mfdataset` puts them together: with the attributes of the first one."""
+    first, second = sweep({"f": [15], "beta0": BETA0}), sweep({"f": [25], "beta0": BETA0})
+    return xr.concat([first, second], "f", combine_attrs="override")
+
+
+@pytest.mark.parametrize(
+    ("change", "points"),
+    [
+        (merged, r"f \(2\) x beta0 \(29\)"),
+        (lambda cube: cube.isel(beta0=slice(3)), r"f \(2\) x beta0 \(3\)"),
+        (lambda cube: xr.concat([cube, cube.assign_coords(e=0.9)], "e"), r"e \(2\) x f \(2\) x beta0 \(29\)"),
+    ],
+)
+def test_a_declaration_is_not_taken_from_a_cube_of_other_points(change, points):
+    change(sweep()).to_netcdf("copy.nc")
+    open_cube("copy.nc")  # it can be looked at
+    with pytest.raises(
+        StoreError, match=rf"^copy.nc: its configuration is that of other points than it has, {points}: "
+    ):
+        from_cube("copy.nc")
+
+
+@pytest.mark.parametrize("name", ["e", "r", "mu", "mu_h", "rho_b"])
+def test_a_parameter_of_both_ends_that_was_changed_is_told(name):
+    cube = sweep().isel(f=0, beta0=3)
+    changed = cube.assign_coords({name: 0.9 * cube[name]})
+    value = f"{0.9 * cube[name].item():g}"
+    for use in (changed.dimersweep.run, lambda: dimersweep.simulate(start=changed)):
+        with pytest.raises(
+            ParameterError, match=rf"^{name} = {value}: is not that of the run of this point; take the point"
+        ):
+            use()

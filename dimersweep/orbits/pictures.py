@@ -121,11 +121,12 @@ def _framed(
 ) -> tuple[Board, Any]:
     """A board with the title of a table and what its orbits share, no conditions of a start; and its panels."""
     declared = json.loads(table.attrs.get("configuration", "{}"))
-    values = BASE | declared["fixed"] if declared else table.attrs | fixed_of(table)[0]
-    heading = conditions(values, {*declared.get("over", ()), *along, "beta0", "xdot0"}, tex=True)
+    held, varied = fixed_of(table)  # of tables put together, the configuration is the first one's
+    values = (BASE | declared["fixed"] if declared else table.attrs) | held
+    heading = conditions(values, {*declared.get("over", ()), *varied, *along, "beta0", "xdot0"}, tex=True)
     spin = declared.get(table.attrs.get("what"), {}).get("spin", table.attrs.get("spin"))
     heading += f", axial spin = {spin:.4g} rad/s" if isinstance(spin, float) else ""
-    return board(look, size, f"{table.attrs.get('title', '')}\n{heading}".lstrip(), **panels)
+    return board(look, size, f"{declared.get('borders', {}).get('title', '')}\n{heading}".lstrip(), **panels)
 
 
 def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:

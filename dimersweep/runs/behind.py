@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import line_number, made_number, settings_in
+from dimersweep.cubes.cube import line_number, made_number, same_number, settings_in
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
@@ -27,7 +27,7 @@ class Behind(NamedTuple):
         Of its run.
     how : RunSettings
     kernel : float
-        See `kernel_number`.
+        See `number_of`.
     line : Grid or None
         Where a state was carried to it: that line, in the order of its runs.
     place : int
@@ -54,7 +54,7 @@ def behind(point: xr.Dataset) -> Behind:
         int(told["periods"]), int(told["max_periods"]), told["rtol"], stop_when_settled=bool(told["stop_when_settled"])
     )
     line, place = _line_of(point, parameters, told["line"]) if "line" in told else (None, 0)
-    return Behind(reduced(parameters), how, told["kernel"], line, place)
+    return Behind(_reduced(parameters), how, told["kernel"], line, place)
 
 
 def parameters_of(point: xr.Dataset) -> dict[str, float]:
@@ -65,7 +65,16 @@ def parameters_of(point: xr.Dataset) -> dict[str, float]:
     ParameterError
         See `behind`.
     """
-    return reduced(_parameters_at(point))
+    return _reduced(_parameters_at(point))
+
+
+def _reduced(told: dict[str, float]) -> dict[str, float]:
+    """Parameters without those that follow from others, of which none may say another thing than these."""
+    kept: dict[str, float] = reduced(told)
+    for name, value in told.items():
+        if value_of(name, kept) != value:
+            raise ParameterError(f"{name} = {value:g}: is not that of the run of this point; {AS_MADE}")
+    return kept
 
 
 def _parameters_at(point: xr.Dataset) -> dict[str, float]:
@@ -86,7 +95,7 @@ def _parameters_at(point: xr.Dataset) -> dict[str, float]:
         _value(point, "mode")
     if "made_with" in point:
         varied = point["made_with"].attrs.get("varied", "").split()
-        if _value(point, "made_with") != made_number(point, varied):
+        if not same_number(_value(point, "made_with"), made_number(point, varied)):
             raise ParameterError(f"made_with: parameters or settings at this point are not those of its run; {AS_MADE}")
     return told
 
@@ -136,7 +145,7 @@ def _line_of(point: xr.Dataset, parameters: dict[str, float], number: float) -> 
     if "direction" not in point.variables:
         raise ParameterError(f"direction: {LOST_HERE}")
     known = _configuration(point)
-    if "direction" not in known.get("grid", {}) or line_number(known) != number:
+    if "direction" not in known.get("grid", {}) or not same_number(line_number(known), number):
         raise ParameterError(
             f"line: a state was carried to this point along other values than the cube tells; {AS_MADE}"
         )

@@ -15,6 +15,7 @@ from dimersweep.cubes.grid import axis_values, fixed_value, without_directions
 from dimersweep.errors import ParameterError, StoreError, one_line, unknown
 from dimersweep.inputs import check_count, check_rtol, read_toml
 from dimersweep.parameters import check, spelt_out
+from dimersweep.storage.checking import check_configured
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.outputs import check_ending
 from dimersweep.storage.provenance import differences
@@ -366,9 +367,11 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     Raises
     ------
     StoreError
-        If there is no such cube, or it comes from another kernel; with the versions that made it.
+        If there is no such cube, it has other points than it was made with, or it comes from another kernel; with the versions
+        that made it.
     """
     cube = open_cube(path)
+    check_configured(cube, path)
     configuration = json.loads(cube.attrs["configuration"])
     try:
         declaration = _declared(cube, configuration, path)
