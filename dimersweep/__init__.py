@@ -19,7 +19,6 @@ from typing import Any
 
 from dimersweep.faces import __version__ as __version__
 
-_BESIDE_STUDIES = ("open_cube", "simulate")
 _STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
 _TOLD = [(each.module, name) for each in _STUB if isinstance(each, ast.ImportFrom) for name in each.names]
 # of each public name: the module that it is imported from, and its name there
@@ -35,13 +34,9 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'dimersweep' has no attribute {name!r}")
     module, there = _HOME[name]
     value = import_module(f"{module}.{there}") if module == __name__ else getattr(import_module(module), there)
-    if name in _BESIDE_STUDIES:
-        import_module(
-            "dimersweep.runs.accessor"
-        )  # which gives every result its `data.dimersweep`, as studies and orbits do
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted([*__all__, "__version__"])

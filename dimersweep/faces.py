@@ -1,7 +1,11 @@
-"""What the faces of the package and of its rooms share: the version, and names that are loaded when they are asked for."""
+"""What the faces of the package and of its rooms share: the version, and what is loaded when it is asked for."""
 
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from importlib import import_module
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
 from typing import Any
 
 __version__ = "0.1.0"
@@ -16,3 +20,34 @@ def reachable(room: str, *modules: str) -> Callable[[str], Any]:
         return import_module(f"{room}.{name}")
 
     return load
+
+
+def _accessor(data: Any) -> Any:
+    import_module("dimersweep.orbits")  # which draws the tables of orbits
+    return import_module("dimersweep.runs.accessor").DatasetAccessor(data)
+
+
+class _WithXarray(MetaPathFinder):
+    """Gives datasets their `data.dimersweep` once xarray is imported, by whomever: that alone takes half a second."""
+
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        """Find xarray as others find it, and have it know `dimersweep` when it has been loaded."""
+        if name != "xarray":
+            return None
+        found = (each.find_spec(name, path, target) for each in sys.meta_path if each is not self)
+        spec = next(filter(None, found), None)
+        if spec is not None and spec.loader is not None:
+            load = spec.loader.exec_module
+
+            def loaded(module: ModuleType) -> None:
+                load(module)
+                module.register_dataset_accessor("dimersweep")(_accessor)
+
+            setattr(spec.loader, "exec_module", loaded)  # noqa: B010 - to mypy it is no attribute
+        return spec
+
+
+if "xarray" in sys.modules:
+    sys.modules["xarray"].register_dataset_accessor("dimersweep")(_accessor)
+else:
+    sys.meta_path.insert(0, _WithXarray())

@@ -299,6 +299,30 @@ def test_a_table_of_a_former_version_is_drawn_as_one_of_this_version(name, resul
             assert (line.get_linestyle(), line.get_marker()) == (same.get_linestyle(), same.get_marker())
 
 
+@pytest.mark.parametrize("order", ["import dimersweep, xarray", "import xarray, dimersweep"])
+def test_a_file_opened_in_a_new_process_can_do_what_a_result_can(order, results, tmp_path):
+    results["branch"].to_netcdf(tmp_path / "branch.nc")
+    results["sweep"].to_netcdf(tmp_path / "cube.nc")
+    program = f"""
+import sys, warnings
+warnings.simplefilter("error")
+{order}
+assert "numba" not in sys.modules
+print(xarray.open_dataset("cube.nc").dimersweep)
+print(len(xarray.open_dataset("branch.nc").dimersweep.plot().axes))
+"""
+    done = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "<cube of dimersweep over Gamma (2): rest 1, drift 1>\n3\n"
+
+
+def test_public_names_are_all_that_the_package_and_its_rooms_show():
+    assert dir(dimersweep) == sorted([*dimersweep.__all__, "__version__"])
+    assert not {"Any", "Path", "ast", "import_module", "faces"} & {*dir(dimersweep)}
+    for name in dir(dimersweep):
+        assert getattr(dimersweep, name) is not None
+
+
 def test_orbits_bring_what_their_tables_can_do_without_loading_matplotlib():
     program = """
 import sys

@@ -54,7 +54,6 @@ def plot(
     if kind is not None and kind not in PICTURE_KINDS:
         raise ParameterError(f"kind: {unknown(kind, 'kind of picture', PICTURE_KINDS)}")
     from dimersweep.plots import check_picture
-    from dimersweep.runs import accessor  # noqa: F401 - what a result can do
     from dimersweep.storage.cubefiles import open_result
     from dimersweep.storage.outputs import refuse_input
 

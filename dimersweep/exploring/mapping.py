@@ -17,7 +17,6 @@ from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.parameters import completed
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of, label, with_units
 from dimersweep.plots.view import as_shown
-from dimersweep.runs import accessor  # noqa: F401 - the run behind a point
 from dimersweep.runs.behind import behind, parameters_of
 from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate

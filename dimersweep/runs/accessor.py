@@ -57,7 +57,6 @@ def _check_same(run: Run, point: xr.Dataset) -> None:
             raise ParameterError(f"{name} = {told:.0f}: is {found} in the run of these parameters; {AS_MADE}")
 
 
-@xr.register_dataset_accessor("dimersweep")
 class DatasetAccessor:
     """A cube of `sweep`, `search` or `refine`, as ``cube.dimersweep``; or a table: attractors, a branch, borders, events.
 

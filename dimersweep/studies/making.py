@@ -16,7 +16,6 @@ import xarray as xr
 from dimersweep.cubes.cube import flatten, signed
 from dimersweep.cubes.results import Finished, Tile, chunks, common, failed, not_ok, not_run, pieces
 from dimersweep.errors import ParameterError, Stopped, StoreError
-from dimersweep.runs import accessor  # noqa: F401 - gives every cube its `cube.dimersweep`
 from dimersweep.storage.checking import check_unchanged, checksum_of
 from dimersweep.storage.cubefiles import open_cube, write_cube
 from dimersweep.storage.files import disk_errors
