@@ -67,7 +67,7 @@ def _parsed(text: str) -> tuple[Size, Counter[str]] | None:
     powers = Counter[str]()
     text = re.sub(r"[\s_]per[\s_]", "/", normalize("NFKC", text).replace("−", "-").replace("**", "^"))
     for before, part in re.findall(r"([\s/*·.]*)([^\s/*·.]+)", re.sub(r"\s*\^\s*", "^", text)):
-        found = re.fullmatch(r"(1|\D+?)(?:\^?([-+]?\d+))?", part)
+        found = re.fullmatch(r"(1|\D+?)(?:\^?([-+]?\d))?", part)
         if found is None or found[1] not in _UNITS:
             return None
         times = int(found[2] or 1) * (-1 if "/" in before else 1)
