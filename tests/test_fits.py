@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal
 import dimersweep
 from dimersweep import fits, orbits, simulate
 from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.fits.valley import Valley
 
 RADII = "path_radius", "radius"
 SPIRAL = {"mu": 0.164, "mu_s": 0.33}  # the double impact ends in sp_sp
@@ -177,6 +178,7 @@ def test_what_made_the_data_is_found():
     fit = fits.fit(measured, {"e": (0.58, 0.72), "A_r": (5.4, 6.6), "spin": (90, 150)}, **SLIPPY)
     assert fit.possible
     assert fit.undetermined == ()
+    assert fit.valley is None
     for name, value in true.items():
         assert abs(fit.values[name] - value) < 0.01 * fit.errors[name], name
     assert fit.orbit.sequence == orbit.sequence
@@ -280,7 +282,9 @@ def test_one_radius_does_not_tell_two_parameters():
     assert fit.singular_values[1] == 0
     assert len(fit.undetermined) == 2
     assert "e, A_r are not determined apart" in fit.undetermined[1]
-    assert set(fit.errors.values()) == {np.inf}
+    assert fit.errors["e"] == np.inf  # all of its range gives the radius
+    least, most = fit.valley.extent[:, 1]
+    assert 0.2 * (most - least) < fit.errors["A_r"] < 0.4 * (most - least) < 0.4 * 0.4
     step = fit.directions[1] * [0.17, 0.4]  # along it the radius stays, to first order
     values = np.array(list(fit.values.values()))
     ahead, back = (
@@ -304,6 +308,47 @@ def test_radius_period_and_speed_are_two_numbers():
     assert fit.possible
     assert fit.singular_values[2] < 12**0.5 < fit.singular_values[1]
     assert any("not determined apart" in each for each in fit.undetermined)
+
+
+def test_an_error_leaves_out_nothing_that_is_open():
+    """Radius alone, with e and mu free: by the slopes at one point e had an error of 5e-6, 1,000 times too small."""
+    scene = {"mu_s": 0.5, "Gamma": 0.9738, "f": 22, "r": 4e-3, "A_r": 5.75, "spin": 180.65}
+    radius, error = orbits.find(e=0.63, mu=0.25, **scene).path_radius, 1.65e-5
+    fit = fits.fit({"path_radius": (radius, error)}, {"e": (0.5, 0.8), "mu": (0.2, 0.5)}, **scene)
+    assert abs(fit.values["e"] - 0.63) < 2 * fit.errors["e"] < 0.01
+    assert fit.errors["mu"] == np.inf
+    assert "e, mu are not determined apart" in fit.undetermined[-1]
+    assert "not all is determined" in repr(fit)
+    for e, mu in fit.valley.values[::7]:  # each gives the datum
+        assert orbits.find(e=e, mu=mu, **scene).path_radius == pytest.approx(radius, abs=error)
+    e, mu = fit.valley.values.T
+    assert np.ptp(mu) > 0.9 * 0.3
+    assert min(e) < 0.63 < max(e)
+    alone, _, pair, _ = fit.plot().axes
+    profile = alone.lines[0].get_xdata()
+    assert [min(profile), max(profile)] == [min(e), max(e)]
+    seen = np.concatenate([patch.get_xy() for patch in pair.patches])
+    assert (np.abs(np.ptp(seen, axis=0) - np.ptp(fit.valley.values, axis=0)) < 0.2 * np.ptp(seen, axis=0)).all()
+
+
+def test_the_errors_in_a_valley_are_those_of_the_density_in_the_ranges():
+    """A curved valley across a square, wider at one end: evenly drawn points that are weighted by the likelihood."""
+
+    def residuals(x, y):
+        return (y - 0.2 - 0.6 * x**2) / 0.03 * (1 + x), (x - 0.4) / 0.4
+
+    fine = np.linspace(0, 1, 100_001)
+    lengths = np.concatenate([[0], np.cumsum(np.hypot(np.diff(fine), np.diff(0.6 * fine**2)))])
+    x = np.interp(np.arange(0.01, lengths[-1], 0.02), lengths, fine)
+    places = np.column_stack([x, 0.2 + 0.6 * x**2])
+    slopes = np.array([[[-1.2 * a / 0.03 * (1 + a), (1 + a) / 0.03], [1 / 0.4, 0]] for a in x])
+    valley = Valley.of(places, np.column_stack(residuals(*places.T)), slopes, 1, 0.02)
+    drawn = np.random.default_rng(2).uniform(size=(2, 1_000_000))
+    weights = np.exp(-0.5 * np.sum(np.square(residuals(*drawn)), axis=0))
+    values = places[valley.middle]
+    errors = np.sqrt(np.diag(valley.covariance(values)))
+    inside = np.abs(drawn - values[:, None]) < errors[:, None]
+    assert (inside @ weights / weights.sum()) == pytest.approx(0.6827, abs=0.01)
 
 
 # --- the likelihood ---------------------------------------------------------------------------------------------------

@@ -7,8 +7,9 @@ from typing import NamedTuple, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
+from scipy.linalg import orthogonal_procrustes
 from scipy.optimize import least_squares, minimize
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 from scipy.stats.qmc import Halton
 
 from dimersweep.errors import OrbitError, ParameterError
@@ -16,6 +17,7 @@ from dimersweep.fits.likelihood import Likelihood
 from dimersweep.fits.measured import MEASURABLE, Measured
 from dimersweep.fits.pictures import draw_fit
 from dimersweep.fits.tracks import Track
+from dimersweep.fits.valley import FEW_ERRORS, Valley
 from dimersweep.orbits.finding import RTOL
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import Recorder
@@ -34,9 +36,15 @@ INSIDE = 1e-9  # distance from the ends of the ranges at which a descent begins 
 ENOUGH = 1e-6  # step of the solver, in ranges, and gain, in the misfit, at which it ends
 LEVEL = 1e-3  # slope of half the misfit at which it ends: over FEW_ERRORS, it is what is left of an error
 IMPROBABLE = 0.0027  # of a greater misfit by chance: three standard deviations of one value
-FEW_ERRORS = 12**0.5  # to a range, below which a direction is open: a uniform density there has as small a deviation
-NO_ERRORS = 1e-2  # the same below which the data say nothing at all
-LEAST_NAMED = 0.05  # of a direction from which on a parameter is named in it
+FINE = 1e-9  # step of the solver, in ranges, at which it ends across a valley, and how many it takes at most
+FEW_STEPS = 10
+STIFF = 1e3  # errors to a range, by which the solver is held along a valley: the misfit hardly pulls there
+POINTS = 20  # of a valley as large as the ranges, about
+PER_ERROR = 0.5  # of the error along one that is shorter: the step
+APART = 0.7  # steps from one point to another at least
+FAR_UP = 9.0  # of the misfit above the best one: the end of a valley
+CURVED = 0.3  # of an error, by which the slopes at the fit may be wrong an error away
+NO_ERRORS = 1e-2  # the same below which a parameter changes no datum
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -48,9 +56,9 @@ class Fit:
     values : dict
         Of the free parameters.
     covariance : ndarray, shape (n, n)
-        Of the free parameters, in their order, from the slopes at the fit and the errors of the data. A parameter about which
-        the data say nothing has the variance inf, and nan beside it; all is nan where no parameters give the data and the
-        nearest ones lie at the end of a range or at a border of the stable orbits.
+        Of the free parameters, in their order, from the slopes at the fit and the errors of the data, or from the valley where
+        there is one. A parameter about which the data say nothing has the variance inf, and nan beside it; all is nan where
+        no parameters give the data and the nearest ones lie at the end of a range or at a border of the stable orbits.
     possible : bool
         Whether the data may come from parameters in the ranges: a misfit as great as this one has a probability of more
         than 0.0027.
@@ -67,6 +75,9 @@ class Fit:
         another minimum.
     others : tuple of dict
         Other values that give the data too, where some are found.
+    valley : Valley or None
+        Points that cover all values that give the data, and the profile of each parameter, where the slopes at one point do not
+        tell the errors.
     measured : Measured
     predicted : ndarray, shape (m,)
         The measured quantities of the fitted orbit.
@@ -95,6 +106,7 @@ class Fit:
     undetermined: tuple[str, ...]
     notes: tuple[str, ...]
     others: tuple[dict[str, float], ...]
+    valley: Valley | None
     measured: Measured
     predicted: np.ndarray
     orbit: PeriodicOrbit
@@ -103,15 +115,35 @@ class Fit:
 
     @property
     def errors(self) -> dict[str, float]:
-        """Standard deviations of the fitted values."""
+        """Standard deviations of the fitted values: within as much of each 68.27 % of what is possible lies."""
         return dict(zip(self.values, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    def within(self, share: float) -> dict[str, float]:
+        """Distances from the fitted values within which a share of what is possible lies: 0.6827 gives `errors`.
+
+        Twice an error holds 95.45 % where all is determined. In a valley it may hold much less.
+
+        Examples
+        --------
+        >>> from dimersweep import fits
+        >>> fit = fits.fit({"path_radius": (4.06, 0.02)}, {"e": (0.55, 0.75)})
+        >>> round(fit.within(0.9545)["e"] / fit.errors["e"], 3)
+        2.0
+        """
+        errors = np.array(list(self.errors.values()))
+        if self.valley is None:
+            distances = errors * norm.isf((1 - share) / 2)
+        else:
+            distances = np.where(np.isinf(errors), np.inf, self.valley.within(np.array([*self.values.values()]), share))
+        return dict(zip(self.values, distances.tolist(), strict=True))
 
     def __repr__(self) -> str:
         errors = self.errors
         words = ", ".join(f"{name} {value:.4g} ± {errors[name]:.2g}" for name, value in self.values.items())
         n = len(self.predicted)
-        none = "" if self.possible else "; no parameters in the ranges give the data"
-        return f"<Fit: {words}, chi-square {self.chi_square:.2f} of {n} value{'s' if n > 1 else ''}{none}>"
+        told = "" if self.possible else "; no parameters in the ranges give the data"
+        told += "; not all is determined" if self.undetermined else ""
+        return f"<Fit: {words}, chi-square {self.chi_square:.2f} of {n} value{'s' if n > 1 else ''}{told}>"
 
     def __str__(self) -> str:
         return self.table()
@@ -138,7 +170,9 @@ class Fit:
         return "\n".join([*lines, *self.notes, *self.undetermined, f"cost: {self.cost:,.0f} forcing periods"])
 
     def plot(self, **look: Unpack[Look]) -> Figure:
-        """The regions of one and two standard deviations of each pair of free parameters; `look` as in `plots.Look`.
+        """The regions of one and two standard deviations of each pair of free parameters, with the profile of each.
+
+        The profiles are there where there is a valley. `look` is as in `plots.Look`.
 
         Examples
         --------
@@ -146,7 +180,7 @@ class Fit:
         >>> data = {"path_radius": (4.06, 0.02), "zeta": (1.6, 0.002)}
         >>> fits.fit(data, {"e": (0.55, 0.75), "A_r": (5.5, 6.5)}).plot().savefig("fit.png")
         """
-        return draw_fit(self.values, self.covariance, self.ranges, **look)
+        return draw_fit(self.values, self.covariance, self.ranges, self.valley, **look)
 
 
 def fit(
@@ -271,11 +305,6 @@ class _Search:
         least = np.flatnonzero(misfits <= misfits[near].min(axis=1))
         return _ordered(found[k] for k in least)[:DESCENTS]
 
-    def residuals(self, u: np.ndarray) -> np.ndarray:
-        """Residuals for the solver: inf where no stable orbit is, at which it takes a shorter step."""
-        point = self.at(u)
-        return np.full(len(self.likelihood.whitening), np.inf) if point is None else point.residuals
-
     def slopes(self, point: _Point) -> np.ndarray:
         """Derivatives of the residuals by the free parameters in their ranges, shape (m, n): central, else one-sided."""
         columns = []
@@ -287,21 +316,76 @@ class _Search:
             columns.append((ahead.residuals - back.residuals) / (width or 1.0))
         return np.column_stack(columns)
 
-    def descended(self, start: _Point) -> _Point:
-        """Where the solver comes to from a point."""
+    def descended(self, start: _Point, along: np.ndarray | None = None) -> _Point:
+        """Where the solver comes to from a point: with steps, shape (d, n), across them, and on the branch of the point."""
         inside = np.clip(start.u, INSIDE, 1 - INSIDE)  # the solver begins within its bounds
-        if self.at(inside) is None:
+        guess, enough, most = (None, ENOUGH, MOST_STEPS) if along is None else (start.orbit, FINE, FEW_STEPS)
+        held = np.empty((0, inside.size)) if along is None else STIFF * along
+        if self.at(inside, guess) is None:
             return start
+        known = None if along is None else self.slopes(start)  # so near that these do
+
+        def residuals(u: np.ndarray) -> np.ndarray:  # inf where no stable orbit is, at which it takes a shorter step
+            point = self.at(u, guess)
+            seen = np.full(len(self.likelihood.whitening), np.inf) if point is None else point.residuals
+            return np.concatenate([seen, held @ (u - start.u)])
 
         def slopes(u: np.ndarray) -> np.ndarray:
-            here = self.last if self.last is not None and np.array_equal(self.last.u, u) else self.at(u)
+            if known is not None:
+                return np.concatenate([known, held])
+            here = self.last if self.last is not None and np.array_equal(self.last.u, u) else self.at(u, guess)
             assert here is not None  # as where the solver has been
             return self.slopes(here)
 
-        ends = {"ftol": ENOUGH, "xtol": ENOUGH, "gtol": LEVEL, "max_nfev": MOST_STEPS}
-        solved = least_squares(self.residuals, inside, slopes, bounds=(0, 1), **ends)
-        end = self.at(np.clip(solved.x, 0, 1))
+        ends = {"ftol": ENOUGH, "xtol": enough, "gtol": LEVEL, "max_nfev": most}
+        solved = least_squares(residuals, inside, slopes, bounds=(0, 1), **ends)
+        end = self.at(np.clip(solved.x, 0, 1), guess)
         return start if end is None or end.misfit > start.misfit else end
+
+    def curved(self, best: _Point, slopes: np.ndarray) -> bool:
+        """Whether the slopes at a point are wrong by a part of an error, an error away in the direction that is known least."""
+        inverse = np.linalg.pinv(slopes)
+        singular, directions = _directions(slopes)
+        for step in (directions[-1] / singular[-1], -directions[-1] / singular[-1]):
+            point = self.at(np.clip(best.u + step, 0, 1), best.orbit)
+            if point is None:
+                return True
+            off = inverse @ (point.residuals - best.residuals - slopes @ (point.u - best.u))
+            if (np.abs(off) > CURVED * np.linalg.norm(inverse, axis=1)).any():
+                return True
+        return False
+
+    def valley(self, seeds: list[_Point], slopes: np.ndarray, n_open: int) -> tuple[list[_Point], np.ndarray, Valley]:
+        """Points that give the data about as well as the first seed, evenly spread along what is open, and the slopes there.
+
+        It looks from all seeds on. `slopes`, shape (m, n), are those at the first one.
+        """
+        singular, directions = _directions(slopes)
+        step = min(POINTS ** (-1 / n_open), PER_ERROR / max(singular[-n_open], PER_ERROR))
+        found: list[tuple[_Point, np.ndarray]] = []
+        ahead = [(seed, directions[-n_open:]) for seed in seeds]
+
+        def near(u: np.ndarray) -> bool:
+            return any(np.linalg.norm(u - point.u) < APART * step for point, _ in found)
+
+        while ahead:
+            point, before = ahead.pop(0)
+            if near(point.u) or point.misfit - seeds[0].misfit > FAR_UP:
+                continue
+            slopes = self.slopes(point)
+            found.append((point, slopes))
+            there = _directions(slopes)[1][-n_open:].T
+            along = (there @ orthogonal_procrustes(there, before.T)[0]).T  # turned as little as can be
+            for way in (*along, *-along):
+                room = (np.where(way > 0, 1 - point.u, point.u) / np.maximum(np.abs(way), INSIDE)).min()
+                ahead_u = point.u + min(step, room) * way
+                start = None if near(ahead_u) else self.at(ahead_u, point.orbit)
+                if start is not None:
+                    ahead.append((self.descended(start, along), along))
+        points = [point for point, _ in found]
+        known = np.array([each for _, each in found])
+        places, residuals = np.array([one.u for one in points]), np.array([one.residuals for one in points])
+        return points, known, Valley.of(places, residuals, known, n_open, step)
 
     def cut_off(self, end: _Point, slopes: np.ndarray) -> bool:
         """Whether the misfit falls on from where a descent has ended, within the ranges."""
@@ -337,66 +421,73 @@ def _others(ends: list[_Point], slopes: np.ndarray) -> list[_Point]:
     ]
 
 
+def _at_end(point: _Point) -> np.ndarray:
+    """Numbers of the parameters that are at an end of their ranges."""
+    return np.flatnonzero(np.minimum(point.u, 1 - point.u) < RIM)
+
+
+def _directions(slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values of slopes, with a 0 for each missing one, shape (n,), and their directions, shape (n, n)."""
+    _, found, directions = np.linalg.svd(slopes, full_matrices=True)
+    return np.pad(found, (0, len(directions) - found.size)), directions
+
+
 def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     """The fit in the units of its parameters and in words."""
     likelihood, best = search.likelihood, ends[0]
-    n = search.width.size
-    _, found, directions = np.linalg.svd(slopes, full_matrices=True)
-    singular = np.concatenate([found, np.zeros(n - found.size)])
-    probability = _probability(best.misfit, slopes)
-    possible = probability >= IMPROBABLE
-    cut_off = not possible and search.cut_off(best, slopes)
-    at_end = np.minimum(best.u, 1 - best.u) < RIM
-    if possible or not (cut_off or at_end.any()):
-        covariance, left_open = _covariance(singular, directions, search.width), singular < FEW_ERRORS
-    else:  # the slopes tell no errors
-        covariance, left_open = np.full((n, n), np.nan), np.zeros(n, dtype=bool)
-    others = [search.values(end) for end in _others(ends, slopes)] if singular.min() >= FEW_ERRORS else []
-    undetermined = [
-        _open(likelihood.names, *each, search.width)
-        for each in zip(singular[left_open], directions[left_open], strict=True)
-    ]
+    names, low, width = likelihood.names, likelihood.low, search.width
+    singular, directions = _directions(slopes)
+    n_open = int(np.count_nonzero(singular < FEW_ERRORS))
+    impossible = _probability(best.misfit, slopes) < IMPROBABLE
+    cut_off = impossible and search.cut_off(best, slopes)
+    valley, undetermined, notes = None, [], []
+    if impossible and (cut_off or _at_end(best).size):  # the slopes tell no errors
+        covariance = np.full((width.size, width.size), np.nan)
+    elif n_open or search.curved(best, slopes):
+        points, known, valley = search.valley(ends, slopes, max(1, n_open))
+        if n_open:  # any of its points is as good
+            best, slopes = points[valley.middle], known[valley.middle]
+            singular, directions = _directions(slopes)
+            undetermined = _open(names, valley.scaled(low, width), known)
+        else:
+            notes.append("The slopes at the fit would tell other errors: these are those of the profiles.")
+        covariance = valley.covariance(best.u)
+    else:
+        steps = directions / singular[:, None]
+        covariance = steps.T @ steps
+    others = [] if n_open else [search.values(end) for end in _others(ends, slopes)]
     values, predicted = search.values(best), likelihood.predicted(best.orbit)
-    if undetermined and len(predicted) < n:
-        undetermined.insert(0, f"Fewer values ({len(predicted)}) than free parameters ({n}) are measured.")
-    notes = [] if possible else [_impossible(likelihood.measured, predicted, best.misfit, values)]
+    if undetermined and len(predicted) < width.size:
+        undetermined.insert(0, f"Fewer values ({len(predicted)}) than free parameters ({width.size}) are measured.")
+    if impossible:
+        notes.insert(0, _impossible(likelihood.measured, predicted, best.misfit, values))
     if cut_off:
         notes.append("The nearest ones lie at a border of the stable orbits.")
-    told = at_end & ~np.isinf(np.diag(covariance))
     notes += [
-        f"{likelihood.names[k]} is at the {'lower' if best.u[k] < 0.5 else 'upper'} end of its range: "
+        f"{names[k]} is at the {'lower' if best.u[k] < 0.5 else 'upper'} end of its range: "
         "the true value may lie beyond."
-        for k in np.flatnonzero(told)
+        for k in _at_end(best)
+        if not np.isinf(covariance[k, k])
     ]
     notes += [f"These give the data too: {_listed(one)}." for one in others]
     return Fit(
         values=values,
-        covariance=covariance,
-        possible=possible,
+        covariance=covariance * np.outer(width, width),
+        possible=not impossible,
         chi_square=best.misfit,
-        probability=probability,
+        probability=_probability(best.misfit, slopes),
         singular_values=singular,
         directions=directions,
         undetermined=tuple(undetermined),
         notes=tuple(notes),
         others=tuple(others),
+        valley=None if valley is None else valley.scaled(low, width),
         measured=likelihood.measured,
         predicted=predicted,
         orbit=best.orbit,
-        ranges=dict(zip(values, zip(likelihood.low.tolist(), likelihood.high.tolist(), strict=True), strict=True)),
+        ranges=dict(zip(values, zip(low.tolist(), likelihood.high.tolist(), strict=True), strict=True)),
         cost=search.recorder.periods,
     )
-
-
-def _covariance(singular: np.ndarray, directions: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """Of the free parameters; with inf and nan for those in directions about which the data say nothing."""
-    seen = singular >= NO_ERRORS
-    steps = directions[seen] / singular[seen, None] * width
-    covariance = steps.T @ steps
-    lost = (np.abs(directions[~seen]) > LEAST_NAMED).any(axis=0)
-    covariance[lost], covariance[:, lost] = np.nan, np.nan
-    covariance[lost, lost] = np.inf
-    return covariance
 
 
 def _impossible(measured: Measured, predicted: np.ndarray, misfit: float, values: dict[str, float]) -> str:
@@ -409,17 +500,17 @@ def _impossible(measured: Measured, predicted: np.ndarray, misfit: float, values
     )
 
 
-def _open(names: tuple[str, ...], singular: float, direction: np.ndarray, width: np.ndarray) -> str:
-    """In words, a direction that the data leave open."""
-    effect = (
-        f"changes the data by {singular:.2g} of their errors" if singular >= NO_ERRORS else "changes no measured value"
-    )
-    named = np.flatnonzero(np.abs(direction) > LEAST_NAMED)
-    if named.size == 1:
-        return f"{names[named[0]]} is not determined: by the slopes there, a step as long as its range {effect}."
-    step = direction * width / np.abs(direction).max() * np.sign(direction[named[0]])
-    words = " with ".join(f"{names[k]} {step[k]:+.3g}" for k in named)
-    return f"{', '.join(names[k] for k in named)} are not determined apart: by the slopes there, {words} {effect}."
+def _open(names: tuple[str, ...], valley: Valley, slopes: np.ndarray) -> list[str]:
+    """In words, what the data leave open: parameters without effect at any point, and those that are known together."""
+    idle = (np.abs(slopes) < NO_ERRORS).all(axis=(0, 1))
+    least, most = valley.extent
+    moved = (most - least) ** 2 > np.diagonal(valley.across, axis1=1, axis2=2).min(axis=0)
+    ends = {names[k]: f"{names[k]} from {least[k]:.6g} to {most[k]:.6g}" for k in np.flatnonzero(moved & ~idle)}
+    words = [f"{names[k]} is not determined: it changes no measured value." for k in np.flatnonzero(idle)]
+    if ends:
+        known = "is not determined" if len(ends) == 1 else "are not determined apart"
+        words.append(f"{', '.join(ends)} {known}: the data are given with {', '.join(ends.values())}.")
+    return words
 
 
 def _listed(values: dict[str, float]) -> str:
