@@ -99,7 +99,7 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
     *_, axis = configuration["grid"]
     within = None if within is None else as_number("within", within, PARAMETERS[axis].units)
     if within is not None and not within > 0:
-        raise ParameterError(f"within = {within}: must be > 0")
+        raise ParameterError(f"within = {within:g}: must be > 0")
     cube = cube.sel(direction=[UP, DOWN]).sortby(axis)
     others = [str(name) for name in cube["mode"].dims if name not in ("direction", axis)]
     motions = {
