@@ -5,6 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib import rc_context
 from matplotlib import style as in_style
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex, to_rgb
@@ -815,6 +816,76 @@ KINDS = (
     *("mode_map", "segments", "regions", "trends", "minimum", "impact_ends", "paths", "walks", "planar", "bifurcation"),
     *("circles", "quantity", "ways", "attractors", "bars", "branches", "curves", "families", "fit", "waveform", "run"),
 )
+
+
+# heights of pictures that are 8.6 cm wide [inches]; one of trends, three rows by two columns of panels, is for a whole page
+HEIGHTS = dict.fromkeys(KINDS, 3.4) | dict.fromkeys(("minimum", "circles", "fit", "waveform", "walks"), 6.0)
+HEIGHTS |= dict.fromkeys(("branches", "paths", "bifurcation"), 7.0) | dict.fromkeys(("families", "impact_ends"), 9.0)
+HEIGHTS |= {"run": 10.0}
+del HEIGHTS["trends"]
+
+
+def texts_of(figure):
+    """The texts of a figure that are seen, with their boxes: ticks beyond the ends of an axis are not."""
+    beyond = set()
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
+                if not low - 1e-6 * (high - low) <= tick.get_loc() <= high + 1e-6 * (high - low):
+                    beyond |= {tick.label1, tick.label2}
+        beyond |= set() if axes.axison and axes.get_visible() else {*axes.findobj(Text)}
+    seen = [
+        text for text in figure.findobj(Text) if text.get_visible() and text.get_text().strip() and text not in beyond
+    ]
+    return [(text.get_text(), text.get_window_extent()) for text in seen]
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("kind", HEIGHTS)
+def test_no_text_is_over_another_in_a_column_of_a_paper(kind, run):
+    with rc_context({"font.size": 8}):
+        figure = picture_of(kind, run, size=(8.6 / 2.54, HEIGHTS[kind]))
+        figure.draw_without_rendering()
+        texts, page = texts_of(figure), figure.bbox
+        assert len(texts) > 4
+        for (one, a), (other, b) in combinations(texts, 2):
+            over = min(a.x1, b.x1) - max(a.x0, b.x0), min(a.y1, b.y1) - max(a.y0, b.y0)
+            assert min(over) <= 1, (one, other)
+        for text, box in texts:
+            assert min(box.x0, box.y0, page.x1 - box.x1, page.y1 - box.y1) > -1, text
+        panels = [axes.get_window_extent() for axes in figure.axes if axes.axison and axes.get_visible()]
+        for legend in figure.legends:
+            assert legend.get_window_extent().y1 <= min(panel.y0 for panel in panels)
+
+
+def test_words_are_as_large_as_the_style_says():
+    sizes = []
+    for size in (6, 12):
+        with rc_context({"font.size": size}):
+            sizes.append(np.unique([text.get_fontsize() for text in drawn(picture_of("mode_map", None)).findobj(Text)]))
+    assert sizes[0].size > 1 and np.allclose(2 * sizes[0], sizes[1])
+
+
+def test_a_variable_of_an_observer_has_its_own_label():
+    cube = cube_of(np.full((2, 2), D), {"f": [15, 20], "e": [0.5, 0.6]})
+    told = {"units": "m s-1", "long_name": "mean rate of the gap"}
+    cube = cube.assign(gap_mean=(cube["mode"].dims, np.arange(4.0).reshape(2, 2), told))
+    assert drawn(draw(cube, quantity="gap_mean")).axes[1].get_ylabel() == "mean rate of the gap [m/s]"
+    assert drawn(draw(cube.isel(e=[0]), quantity="gap_mean")).axes[0].get_ylabel() == "mean rate of the gap [m/s]"
+    cube["gap_mean"].attrs = {}
+    assert drawn(draw(cube, quantity="gap_mean")).axes[1].get_ylabel() == "gap_mean"
+
+
+def test_certified_segments_show_which_modes_are_unsure():
+    beta0 = np.deg2rad([10.0, 20, 30, 40])
+    cube = cube_of([[R, D, D, D], [D, D, D, R]], {"f": [15, 20], "beta0": beta0})
+    sure = np.array([[1, 2, 1, 3], [1, 1, 2, 1]], np.int8)
+    words = {"flag_values": np.arange(4, dtype=np.int8), "flag_meanings": " ".join(FLAGS["confidence"])}
+    figure = drawn(draw(cube.assign(confidence=(cube["mode"].dims, sure, words)), "segments"))
+    (marks,) = [line for line in figure.axes[0].lines if line.get_marker() == "|"]
+    np.testing.assert_allclose(marks.get_xydata(), [(beta0[1], 0), (beta0[3], 0), (beta0[2], 1)])
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mode unsure, or another one near"]
 
 
 def all_apart(colors, least=20):

@@ -64,7 +64,7 @@ def draw_fit(
         axes.tick_params(labelbottom=row == n - 1, labelleft=k in (0, other))
         axes.grid(alpha=0.3)
     shown = panels[-1, 0].get_legend_handles_labels()[0] if n >= own + 1 or not own else []
-    place.legend("lower center", shown, fontsize=8, ncols=3)
+    place.legend("lower center", shown, fontsize="small", ncols=3)
     return place.done()
 
 

@@ -270,7 +270,7 @@ class Waveform:
             right.set(xlabel="frequency [Hz]")
             right.grid(alpha=0.3)
         handles = [each for axes in panels[0] for each in axes.get_legend_handles_labels()[0]]
-        place.legend("lower center", handles, fontsize=8, ncols=5)
+        place.legend("lower center", handles, fontsize="small", ncols=5)
         return place.done()
 
     def __repr__(self) -> str:

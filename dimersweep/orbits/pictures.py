@@ -103,7 +103,7 @@ def curves(table: xr.Dataset, over: xr.Dataset | None, look: Look) -> Figure:
     handles += closed
     mark(axes.xaxis, x)
     mark(axes.yaxis, y)
-    place.legend("lower center", handles, fontsize=8, ncols=4)
+    place.legend("lower center", handles, fontsize="small", ncols=4)
     return place.done()
 
 
@@ -162,7 +162,7 @@ def branches(table: xr.Dataset, look: Look) -> Figure:
     for key, color in colors.items() if groups else ():
         words = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
         handles.append(Line2D([], [], color=color, label=words))
-    place.legend("lower center", handles, fontsize=8, ncols=4)
+    place.legend("lower center", handles, fontsize="small", ncols=4)
     if x in PARAMETERS:
         mark(panels[-1].xaxis, x)
     else:
@@ -226,5 +226,5 @@ def families(table: xr.Dataset, look: Look) -> Figure:
     log_scale(panels[3])
     panels[2].set_xlabel(SPIN_LABEL)
     panels[3].set(xlabel=SPIN_LABEL, ylabel="share of the spin lost in a period")
-    place.legend("lower center", panels[0].lines if given_by else [], fontsize=8, ncols=4)
+    place.legend("lower center", panels[0].lines if given_by else [], fontsize="small", ncols=4)
     return place.done()

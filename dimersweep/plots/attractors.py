@@ -121,10 +121,10 @@ def attractors(data: xr.Dataset, **look: Unpack[Look]) -> Figure:
     labelled = _border_labels(borders, ONE_LABEL * width)
     how = {"transform": axes.get_xaxis_transform(), "rotation": 90 if len(labelled) > FLAT_LABELS else 0}
     for at, kinds in labelled:
-        axes.text(at, 1.01, kinds, ha="center", va="bottom", fontsize=8, **how)
+        axes.text(at, 1.01, kinds, ha="center", va="bottom", fontsize="small", **how)
     mark(axes.xaxis, axis)
     axes.set(xlim=(values[0] - 2 * near, values[-1] + 2 * near), ylim=(0, 100))
     hidden = len(labels) - MOST_NAMED
-    more = {"title": f"and {hidden} more", "title_fontsize": 8} if hidden > 0 else {}
-    board.legend("right center", areas[:MOST_NAMED], fontsize=8, reverse=True, **more)
+    more = {"title": f"and {hidden} more", "title_fontsize": "small"} if hidden > 0 else {}
+    board.legend("right center", areas[:MOST_NAMED], fontsize="small", reverse=True, **more)
     return board.done(above=50 if how["rotation"] else 18)  # the labels

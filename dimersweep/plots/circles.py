@@ -74,5 +74,5 @@ def circles(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         log_scale(panels[1])
     else:
         greys = [Line2D([], [], marker="s", linestyle="", color=color, label=text) for text, color in NO_CIRCLE.items()]
-        board.legend("lower center", greys, ncols=2, fontsize=9)
+        board.legend("lower center", greys, ncols=2, fontsize="small")
     return board.done()

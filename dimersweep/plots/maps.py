@@ -121,7 +121,7 @@ def _map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
             drawn = _mesh(axes, part, part.values, **how)
         else:
             axes.plot(part[part.dims[0]], part, "o-", markersize=3, linewidth=1, color=MODE_COLORS["drift"])
-            axes.set_ylabel(label(quantity))
+            axes.set_ylabel(label(quantity, own=values.attrs))
     if quantity == "mode" or values.ndim > 1:
         _explain(board, values, drawn, " (code)" if "flag_meanings" in cube[quantity].attrs else "")
     return board.done()
@@ -137,9 +137,9 @@ def _shades(values: np.ndarray) -> dict[str, Any]:
 def _explain(board: Board, values: xr.DataArray, drawn: Any, more: str = "") -> None:
     """Say what the colours are, beside a figure: a legend of modes, or a bar of a quantity."""
     if values.name == "mode":
-        board.legend("right center", mode_handles(values), fontsize=9)
+        board.legend("right center", mode_handles(values), fontsize="small")
     else:
-        board.figure.colorbar(drawn, ax=board.axes, label=label(str(values.name)) + more)
+        board.figure.colorbar(drawn, ax=board.axes, label=label(str(values.name), own=values.attrs) + more)
 
 
 def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str, look: Look) -> Figure:
@@ -152,8 +152,8 @@ def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str, look
         axes.plot(way[name], way, label=given("direction", k), **how)
     _scale(axes, values.isel(direction=0))
     mark(axes.xaxis, name)
-    axes.set_ylabel(label(quantity))
-    board.legend("right center", axes.lines, fontsize=9)
+    axes.set_ylabel(label(quantity, own=values.attrs))
+    board.legend("right center", axes.lines, fontsize="small")
     return board.done()
 
 
@@ -196,11 +196,11 @@ def _panels(cube: xr.Dataset, values: xr.DataArray, look: Look) -> tuple[Board, 
         axes.set_axis_off()
     parts = [values.isel(dict(zip(leading, place, strict=True))) for place in places]
     for number, (axes, part) in enumerate(zip(grid.flat, parts, strict=False)):
-        axes.set_title(", ".join(given(name, part[name].item()) for name in leading), fontsize=9)
+        axes.set_title(", ".join(given(name, part[name].item()) for name in leading), fontsize="small")
         if number >= len(places) - columns:
             mark(axes.xaxis, str(part.dims[-1]))
             axes.tick_params(labelbottom=True)
-        if part.ndim == 2 and number % columns == 0:
+        if part.ndim == 2 and axes.get_subplotspec().is_first_col():
             mark(axes.yaxis, str(part.dims[0]))
     return board, list(zip(grid.flat, parts, strict=False))
 

@@ -16,7 +16,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.checking import check_cube
 from dimersweep.plots.maps import colors_of
-from dimersweep.plots.style import MODE_LABELS, Look, face, framed, given, mark, mode_colors, row_colors
+from dimersweep.plots.style import MODE_LABELS, Look, face, framed, given, ink, mark, mode_colors, row_colors
 from dimersweep.symbols import symbol
 
 STROBES = {  # rows of the picture: what they are, and the factor to the unit that is shown
@@ -53,8 +53,20 @@ def segments(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     for row, (intervals, length, color) in enumerate(rows):
         axes.hlines(np.full(len(intervals), row), intervals[:, 0], intervals[:, 1], colors=color, linewidth=7)
         axes.annotate(
-            f"{length:.3f} rad", (1.01, row), xycoords=("axes fraction", "data"), va="center", color=color, fontsize=9
+            f"{length:.3f} rad",
+            (1.01, row),
+            xycoords=("axes fraction", "data"),
+            va="center",
+            color=color,
+            fontsize="small",
         )
+    if "confidence" in cube:  # of a certified sweep
+        unsure = ~names(cube["confidence"]).isin(["certain", "not_run"]).transpose(name, "beta0")
+        which, place = np.nonzero(unsure.values)
+        (shown,) = axes.plot(
+            cube["beta0"].values[place], which, "|", color=ink(), label="mode unsure, or another one near"
+        )
+        board.legend("lower center", [shown], fontsize="small")
     axes.set_yticks(range(lengths.size), [given(str(name), value) for value in lengths[name].values])
     axes.set_ylim(-0.6, lengths.size - 0.4)
     axes.grid(axis="x", alpha=0.3)
@@ -117,7 +129,7 @@ def regions(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
             axes.contour(*corners, cells, levels=[0.5], colors=color, linewidths=1.4)
         handles.append(face("white", meaning, edgecolor=color, hatch=hatch, linewidth=None))
     handles += [face(colors_of(code), f"mostly {MODES[code]}") for code in np.unique(mode.values[left])]
-    board.legend("lower center", handles, ncols=4, fontsize=9)
+    board.legend("lower center", handles, ncols=4, fontsize="small")
     axes.set(xlim=corners[0][[0, -1]], ylim=corners[1][[0, -1]])
     mark(axes.xaxis, x_name)
     mark(axes.yaxis, y_name)
@@ -158,7 +170,7 @@ def bifurcation(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         _strobes(panels, way, name)
         mark(panels[-1].xaxis, name)
         if "direction" in mode.dims:
-            panels[0].set_title(given("direction", way["direction"].item()), fontsize=10)
+            panels[0].set_title(given("direction", way["direction"].item()), fontsize="medium")
     for panel, (label, _) in zip(rows[:, 0], STROBES.values(), strict=True):
         panel.set_ylabel(label)
     dot: dict[str, Any] = {"marker": "o", "linestyle": ""}

@@ -164,7 +164,7 @@ def _side_view(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
     move = _moving(axes, shown, balls, places, looks, table)
     xlim, ylim = np.transpose([seen.min(axis=0), seen.max(axis=0)])
     axes.set(xlim=xlim, ylim=ylim, aspect="equal", xlabel="along the rod [mm]", ylabel="height [mm]")
-    axes.set_title("from the side", fontsize=9)
+    axes.set_title("from the side", fontsize="small")
     for name, color, at in (("$p_1$", BALLS[0], 0.02), ("$p_2$", BALLS[1], 0.12)):
         axes.text(at, 0.98, name, color=color, transform=axes.transAxes, va="top")
 
@@ -188,7 +188,7 @@ def _view_from_above(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
     move = _moving(axes, shown, shown.balls[..., :2], places, looks, table, track)
     xlim, ylim = middle[:, None] + (half + 1.5 * moves) * np.array([-1, 1])
     axes.set(xlim=xlim, ylim=ylim, aspect="equal", xlabel="$x$ [mm]", ylabel="$y$ [mm]")
-    axes.set_title("from above", fontsize=9)
+    axes.set_title("from above", fontsize="small")
     for each in (axes.xaxis, axes.yaxis):
         each.set_major_locator(MaxNLocator(4))
 

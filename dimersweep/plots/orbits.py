@@ -69,7 +69,7 @@ def paths(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         teeth.plot(cycles, 1e3 * (np.hypot(x - a, y - b)[piece] - radius), color=color, linewidth=1)
     whole.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
     teeth.set(xlabel="time [forcing periods]", ylabel="distance from the circle [mm]")
-    board.legend("lower center", whole.lines, ncols=min(len(whole.lines), 4), fontsize=9)
+    board.legend("lower center", whole.lines, ncols=min(len(whole.lines), 4), fontsize="small")
     return board.done()
 
 
@@ -100,7 +100,9 @@ def trends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
             _trend(axes, cube, quantity, name, other)
         row[0].set_ylabel(TRENDS[quantity])
     for axes in panels[0]:
-        axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.08), ncols=3, frameon=False)
+        axes.legend(
+            fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1), borderaxespad=2.2, ncols=3, frameon=False
+        )
     return board.done()
 
 
@@ -116,7 +118,7 @@ def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -
         axes.set_xlabel(f"${base}$" + (" [Hz]" if name == "f" else ""))
         return
     if not np.isfinite(values).any():
-        axes.set_title("nothing drifts", fontsize=9)
+        axes.set_title("nothing drifts", fontsize="small")
         return
     log_scale(axes)
     axes.set_xscale("log")
@@ -126,11 +128,11 @@ def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -
     try:
         law = exponents(cube, quantity)[name]
     except (KeyError, ParameterError):  # one value of this axis, or too few points that drift
-        axes.set_title("no exponent: too few points drift", fontsize=9)
+        axes.set_title("no exponent: too few points drift", fontsize="small")
         return
     shown = f"({base})" if name == "A_r" else base
     text = f"${shown}^{{{law.exponent:.3f} \\pm {law.error:.3f}}}$, local {law.least:.2f} to {law.greatest:.2f}"
-    axes.set_title(text, fontsize=9)
+    axes.set_title(text, fontsize="small")
     level = 0.8 * np.nanmin(values.values)
     axes.plot(x, level * (x / x[0]) ** law.exponent, "--", color="#888888", linewidth=1)
 
@@ -170,7 +172,7 @@ def least_period(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
             right.axvline(low.at, color=color, linewidth=0.8, linestyle=":")
     log_scale(left)
     left.set(xlabel=label("xdot0"), ylabel=TRENDS["period"])
-    board.legend("lower center", left.lines, fontsize=8, ncols=2)
+    board.legend("lower center", left.lines, fontsize="small", ncols=2)
     right.axhline(np.pi / 2, color=ink(), linewidth=0.8, linestyle=":")
     right.set(xlabel=label("xdot0"), ylabel=TRENDS["zeta"], ylim=(np.pi / 2 - 0.01, np.pi / 2 + 0.12))
     return board.done()
@@ -208,13 +210,13 @@ def impact_ends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         axes.pcolormesh(x, y, ends.values, cmap=colors, vmin=-0.5, vmax=len(END_COLORS) + 0.5)
         line = stick_ratio(float(A_r), **body)
         axes.axvline(line, color=ink(), linestyle="--", linewidth=1)
-        axes.set_title(f"{given('A_r', A_r)}, $\\bar\\mu$ = {line:.3f}", fontsize=10)
-        axes.set_xlabel(label("mu"))
-    panels[0, 0].set_ylabel(label("mu_s"))
+        axes.set_title(f"{given('A_r', A_r)}, $\\bar\\mu$ = {line:.3f}", fontsize="medium")
+        axes.set(xlabel=label("mu"), ylabel=label("mu_s"))
+        axes.label_outer()
     found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
     handles = [face(END_COLORS[end], "no drift found" if end == "none" else end) for end in found]
     handles.append(face(LEFT_OUT_COLOR, "$\\mu_s < \\mu$: not run"))
-    board.legend("lower center", handles, ncols=len(handles), fontsize=9)
+    board.legend("lower center", handles, ncols=len(handles), fontsize="small")
     return board.done()
 
 
@@ -247,7 +249,7 @@ def shares(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         )
     mark(axes.xaxis, name)
     axes.set(ylabel="initial dip angles that drift [%]", ylim=(0, None))
-    board.legend("right center", axes.lines, fontsize=8)
+    board.legend("right center", axes.lines, fontsize="small")
     return board.done()
 
 
@@ -323,7 +325,7 @@ def walks(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     for k, value in enumerate(cube[name].values):
         text = f"{given(name, value)}: {words[k]}"
         left.plot(cube["x"].values[k], cube["y"].values[k], color=colors[k], linewidth=0.8, label=text)
-    board.legend("right center", left.lines, fontsize=8)
+    board.legend("right center", left.lines, fontsize="small")
     left.plot(0, 0, "o", color=ink(), markersize=3)
     left.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
     if any(np.nanmax(np.abs(cube[which].values), initial=0.0) > 0 for which in CENTRES):
@@ -345,8 +347,8 @@ def _velocities(axes: Axes, cube: xr.Dataset, name: str, words: np.ndarray) -> N
     for value, velocity, word in zip(cube[name].values, cube["centre_velocity_x"].values, words, strict=True):
         if np.isnan(velocity):
             side = "top" if below else "bottom"
-            axes.text(value, 0, f" {word} ", ha="center", va=side, rotation=90, fontsize=8, in_layout=False)
+            axes.text(value, 0, f" {word} ", ha="center", va=side, rotation=90, fontsize="small", in_layout=False)
     reach = 0.03 * float(np.ptp(cube[name].values))
     axes.set_xlim(cube[name].values.min() - reach, cube[name].values.max() + reach)
     axes.set_ylabel("velocity of the circle's centre [mm/s]")
-    axes.legend(fontsize=8, loc="best")
+    axes.legend(fontsize="small", loc="best")

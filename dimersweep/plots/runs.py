@@ -209,7 +209,8 @@ def heights(axes: Axes, run: SeenRun, span: tuple[float, float]) -> None:
     axes.plot(cycles, 1e3 * (plate + states["gap_1"]), color="#d62728", linewidth=3, zorder=1.9, label="$p_1$")
     axes.plot(cycles, 1e3 * plate, "--", color="#56b4e9", linewidth=1.2, label="plate")
     axes.set(xlabel="time [forcing periods]", ylabel="height [mm]")
-    axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), ncols=3, frameon=False)
+    close = {"ncols": 3, "columnspacing": 1.0, "handlelength": 1.0, "frameon": False}
+    axes.legend(fontsize="small", loc="lower right", bbox_to_anchor=(1, 1), **close)
 
 
 def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
@@ -239,7 +240,7 @@ def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
     axes.update_datalim(np.column_stack([x[at] + u / scale, y[at] + v / scale]))  # heads of arrows are not cut
     axes.plot(x[:1], y[:1], "o", color=ink(), markersize=5, label="start")
     axes.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
-    axes.legend(fontsize=8, loc="lower right", bbox_to_anchor=(1, 1), frameon=False)
+    axes.legend(fontsize="small", loc="lower right", bbox_to_anchor=(1, 1), frameon=False)
     beyond_round_off(axes)
 
 
@@ -280,9 +281,9 @@ def run_figure(run: SeenRun, periods: int = 4, **look: Unpack[Look]) -> Figure:
         strobes(panels[angle], run, angle) if aperiodic else portrait(panels[angle], run, angle, last_cycle(run))
     titles = ("normal displacements", "centre of mass", "dip", "precession", "spinning")
     for letter, title, axes in zip("abcde", titles, panels.values(), strict=True):
-        axes.set_title(f"({letter}) {title}", loc="left", fontsize=10)
+        axes.set_title(f"({letter}) {title}", loc="left", fontsize="small")
     if not aperiodic:
-        drawn.legend("lower center", contact_legend(), ncols=4, fontsize=8, frameon=False)
+        drawn.legend("lower center", contact_legend(), ncols=4, fontsize="small", frameon=False)
     return drawn.done()
 
 
@@ -340,7 +341,7 @@ def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
     axes.set_xlabel("work on the dimer, per forcing period [µJ]")
     if not greatest:
         axes.set_yticks([])
-        axes.set_title("no work is done", fontsize=9)
+        axes.set_title("no work is done", fontsize="small")
         return
     works = works[works.abs().max(axis=1) > SMALLEST * greatest]
     works.loc["all"] = works.sum()

@@ -1,7 +1,7 @@
 """What all pictures share: colours, the place that they are drawn in, labels of parameters, and files they may go to."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypedDict
@@ -51,6 +51,8 @@ WAY_MARKERS = (">", "<")
 PICTURES = (".png", ".pdf", ".svg")
 DPI = 200  # of a picture that is not made of lines
 FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}  # that journals take; text stays text
+COLUMN = 4.5  # inches: less is the width of a column of a paper, in which panels and legend stand one below the other
+CLOSE = 1e3  # span of a logarithmic scale beyond which marks at 2 and 5, too, would be too many
 INDISTINCT = 1e-12  # of what is shown, in its unit: values that differ by less are drawn as one
 
 
@@ -107,7 +109,14 @@ class Board:
     def legend(self, where: str, handles: Sequence[Any], **how: Any) -> None:
         """A legend outside of the panels, where it hides nothing."""
         if handles and self.given is None:
-            self.figure.legend(handles=handles, loc=f"outside {where}", **how)
+            most = how.pop("ncols", 1)
+            if narrow(self.figure):
+                where, most = "lower center", min(4, len(handles))
+            for columns in range(most, 0, -1):  # as many as there is room for
+                legend = self.figure.legend(handles=handles, loc=f"outside {where}", ncols=columns, **how)
+                if columns == 1 or legend.get_window_extent().width <= self.figure.bbox.width:
+                    return
+                legend.remove()
         elif handles:
             beside = {"loc": "upper left", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0, "ncols": 1}
             self.given.legend(handles=handles, **how | beside)
@@ -117,7 +126,7 @@ class Board:
         for axes in self.axes:
             beyond_round_off(axes)
         if self.title:
-            self.given.set_title(self.title, fontsize=10, pad=above)
+            self.given.set_title(self.title, fontsize="medium", pad=above)
         return self.figure
 
 
@@ -138,7 +147,19 @@ def board(look: Look, size: tuple[float, float], heading: str = "", **panels: An
         raise ParameterError(f"ax: is a {type(ax).__name__}; give an Axes, a Figure or a SubFigure")
     figure = Drawing(*(wanted or size)) if ax is None else ax
     entitle(figure, heading if title is None else title)
-    return Board(figure), figure.subplot_mosaic(mosaic) if mosaic else figure.subplots(**panels)
+    if not narrow(figure) or {panels.get("sharex"), panels.get("sharey")} & {"col", "row"}:  # a matrix stays one
+        return Board(figure), figure.subplot_mosaic(mosaic) if mosaic else figure.subplots(**panels)
+    if mosaic:
+        return Board(figure), figure.subplot_mosaic([[each] for each in dict.fromkeys(np.concatenate(mosaic).tolist())])
+    as_usual = np.empty((panels.pop("nrows", 1), panels.pop("ncols", 1)), object)
+    squeezed = panels.pop("squeeze", True)
+    as_usual[:] = figure.subplots(nrows=n, squeeze=False, **panels).reshape(as_usual.shape)
+    return Board(figure), (as_usual if not squeezed else as_usual.squeeze() if n > 1 else as_usual[0, 0])
+
+
+def narrow(figure: Any) -> bool:
+    """Return whether a figure is as narrow as a column of a paper."""
+    return bool(figure.bbox.width < COLUMN * figure.dpi)
 
 
 def beyond_round_off(axes: Axes) -> None:
@@ -186,10 +207,15 @@ def with_units(text: str, units: str) -> str:
     return f"{text} [{units}]" if units else text
 
 
-def label(name: str, *, tex: bool = True) -> str:
-    """Axis label of a parameter, its symbol, or of a quantity, its name; and the unit that it is shown in."""
+def label(name: str, *, tex: bool = True, own: Mapping[str, Any] | None = None) -> str:
+    """Axis label of a parameter, its symbol, or of a quantity, its name; and the unit that it is shown in.
+
+    That of an observer's variable is its long name, from the attributes of its `own`.
+    """
     if name in PARAMETERS:
         return with_units(symbol(name, tex=tex), units_of(name))
+    if own is not None and name not in QUANTITIES:
+        return with_units(str(own.get("long_name", name)), units_shown(str(own.get("units", "1"))))
     text = name.replace("_", " ")
     return with_units(text.replace("zeta", r"$\zeta$") if tex else text, units_shown(QUANTITIES[name].units))
 
@@ -239,7 +265,8 @@ def log_scale(axes: Axes) -> None:
         return
     axes.set_yscale("log")
     low, high = axes.get_ylim()
-    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)) if high > 10 * low else MaxNLocator(6))
+    places = (1, 2, 5) if high < CLOSE * low else (1,)
+    axes.yaxis.set_major_locator(LogLocator(subs=places) if high > 10 * low else MaxNLocator(6))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())
 
@@ -259,7 +286,7 @@ def title(cube: xr.Dataset) -> str:
 
 def entitle(figure: FigureBase, heading: str) -> Text:
     """Write a heading above all panels, in as many lines as the figure's width asks for."""
-    return figure.suptitle(heading, fontsize=10, wrap=True)
+    return figure.suptitle(heading, fontsize="medium", wrap=True)
 
 
 def framed(
