@@ -470,6 +470,7 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
         if not np.isinf(covariance[k, k])
     ]
     notes += [f"These give the data too: {_listed(one)}." for one in others]
+    notes += getattr(likelihood.measured.track, "notes", ())  # other turns that fit the track
     return Fit(
         values=values,
         covariance=covariance * np.outer(width, width),
