@@ -244,7 +244,7 @@ QUANTITIES = {
     "sustained_spin": Quantity("rad s-1", "axial spin to which the spin is drawn; the least one of a cycle"),
     "sustained_radius": Quantity("m", "radius of the circle of that spin"),
     "sustained_time": Quantity(
-        "s", "time in which what is off that spin falls by a factor of e, or once round a cycle"
+        "s", "time in which what is off that spin falls by a factor of 2.718, or once round a cycle"
     ),
     "observer_error": Quantity("1", "why an observer of one's own gave nothing at this point"),
     # of a search
@@ -267,7 +267,7 @@ MODE_MEANINGS = {
     "drift": "the motion repeats every forcing period; the raised end lands once, the other one stays down nearly all the time",
     "jump": "both ends leave the plate and land almost together",
     "flutter": "the ends take turns, with a period longer than the forcing period",
-    "period_n": "any other motion that repeats after n forcing periods",
+    "period_n": "any other motion that repeats, after 1 or more forcing periods; `mode_period` has their number",
     "aperiodic": "bounded, and does not repeat",
     "unresolved": "had not settled within the periods given; ask for more",
     "rolls": "both ends stay on the plate and stick, and `speed` changes, as down a slope; it is that at the end",

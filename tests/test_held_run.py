@@ -2,6 +2,7 @@
 
 import inspect
 import json
+from math import nan
 
 import netCDF4
 import numpy as np
@@ -11,6 +12,8 @@ import xarray as xr
 import dimersweep
 from dimersweep import simulate
 from dimersweep.errors import ParameterError, StoreError
+from dimersweep.orbits.fate import Later
+from dimersweep.runs.growth import Lyapunov
 from dimersweep.storage.provenance import digest
 from dimersweep.symbols import HIGHER, PARAMETERS
 from tests.checks.data import data
@@ -166,7 +169,7 @@ def test_a_cube_tells_how_fast_a_dimer_at_rest_rolls():
     assert [run.mode for run in runs] == ["rest", "rest"]
     assert cube["speed"].values == pytest.approx([run.end_speed for run in runs], rel=1e-6)
     assert cube["speed"].values.min() > 0.5
-    assert "both ends down at 0.7" in repr(runs[0])
+    assert "both ends down, moves at 0.7" in repr(runs[0])
     assert "both ends stay down, the centre of mass moves at 0.7" in cube.dimersweep._repr_html_()
     labels = [text.get_text() for text in cube.dimersweep.plot("mode_map").legends[0].get_texts()]
     assert labels == ["rest: both ends down (100.0 %)"]
@@ -319,3 +322,18 @@ def test_a_run_shows_what_it_is(tmp_path):
     assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(ParameterError, match="nothing was recorded"):
         simulate(periods=1, record=False).plot()
+
+
+def test_numbers_in_words_have_their_units():
+    run = simulate(periods=60)
+    assert repr(run.orbit).startswith("<Orbit: radius 4.24472 m, period 36.876 s") and " rad/s, di_end sp_sk>" in repr(
+        run.orbit
+    )
+    assert repr(Lyapunov(0.5, 0.01, 0.03, 200)) == (
+        "<Lyapunov: exponent 0.5 /s, error 0.01 /s, 0.03 per forcing period, over 200 of them>"
+    )
+    assert repr(Later(20.0, 4.5, 300.0, 1.5)) == "<Later: spin 20 rad/s, radius 4.5 m, period 300 s, zeta 1.5 rad>"
+    assert repr(Later(0.0, nan, nan, 3.0)) == "<Later: spin 0 rad/s, in a plane, zeta 3 rad>"
+    assert repr(Later(nan, nan, nan, nan, "rest")) == "<Later: mode rest>"
+    assert "rest, both ends down, moves at 0.725 m/s" in repr(simulate(beta0="10 deg", periods=30))
+    assert "rest, both ends down, lies still" in repr(simulate(Gamma=0.5, xdot0=0.0, beta0=0.0, periods=30))

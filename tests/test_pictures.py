@@ -886,6 +886,8 @@ def test_certified_segments_show_which_modes_are_unsure():
     (marks,) = [line for line in figure.axes[0].lines if line.get_marker() == "|"]
     np.testing.assert_allclose(marks.get_xydata(), [(beta0[1], 0), (beta0[3], 0), (beta0[2], 1)])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["mode unsure, or another one near"]
+    certain = cube.assign(confidence=(cube["mode"].dims, np.ones_like(sure), words))
+    assert not drawn(draw(certain, "segments")).legends
 
 
 def all_apart(colors, least=20):

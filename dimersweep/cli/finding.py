@@ -17,6 +17,7 @@ OF_ORBITS = ("spin", "radius", "period", "zeta", "speed", "stable", "word")
 OF_POINTS = ("special", "change", "spin", "radius", "period", "stable")
 OF_ATTRACTORS = ("attractor", "mode", "share", "share_low", "share_high", "periods", "stable", "radius", "spin")
 OF_FATES = ("fate", "spin_low", "spin_high")
+HEADS = {"word": "sequence"}  # of columns that have other names in files
 
 Table = Annotated[Path | None, option("File to keep the result in (NetCDF).", group=OUTPUT)]
 Drawn = Annotated[Path | None, option("Picture of it.", group=OUTPUT)]
@@ -139,7 +140,9 @@ def _print(tell: Printer, name: str, table: "xr.Dataset", columns: tuple[str, ..
     from dimersweep.cubes.cube import names
 
     frame = names(table[[*columns]]).to_dataframe().reset_index()[[*columns]]
-    units = {each: units_shown(table[each].attrs.get("units", "1")) for each in columns}
+    if "mode" in columns:
+        frame = frame[frame["mode"] != "not_run"]  # over a parameter: an attractor that is not there
+    units = {HEADS.get(each, each): units_shown(table[each].attrs.get("units", "1")) for each in columns}
     tell.rows(name, units, frame.itertuples(index=False, name=None))
 
 

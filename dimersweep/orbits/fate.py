@@ -1,6 +1,7 @@
 """Where a motion is after any time: its spin drifts along the slow family, to a sustained spin, or over ends of the family."""
 
 from collections.abc import Sequence
+from math import isnan
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number
-from dimersweep.orbits.orbit import PeriodicOrbit
+from dimersweep.orbits.orbit import PeriodicOrbit, circle_of
 from dimersweep.orbits.poincare import OrbitLost
 from dimersweep.orbits.sheets import Sheet, Standing, Stretch, drifted, stretch_of
 from dimersweep.orbits.slow_flow import Arrival, flow_of
@@ -52,6 +53,13 @@ class Later(NamedTuple):
     zeta: float
     mode: str = ""
     leaps: tuple[Leap, ...] = ()
+
+    def __repr__(self) -> str:
+        kept = f"spin {self.spin:.6g} rad/s, {circle_of(self.radius)}, period {self.period:.6g} s, zeta {self.zeta:.6g} rad"
+        parts = [kept.replace(", period nan s", "")] if not isnan(self.spin) else []
+        parts += [f"mode {self.mode}"] if self.mode else []
+        parts += [f"{len(self.leaps)} leaps on the way"] if self.leaps else []
+        return f"<Later: {', '.join(parts)}>"
 
 
 def later(family: xr.Dataset | PeriodicOrbit, *, spin: float | None = None, periods: float) -> Later:

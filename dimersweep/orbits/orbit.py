@@ -292,7 +292,7 @@ TEXTS = {
     "stable": Quantity("1", "whether all multipliers of the fast part are below 1 in size"),
     "periods": Quantity("1", "forcing periods after which the motion repeats"),
     "di_end": QUANTITIES["di_end"],
-    "word": Quantity("1", "sequence of contact states"),
+    "word": Quantity("1", "symbol sequence: contact states and impacts of a period, in their order"),
 }
 ATTRIBUTE_OF = {"word": "sequence"}  # attributes of an orbit whose columns have other names, those of former files
 DOUBLING = Quantity("1", "coefficient of the flip: a stable orbit of twice the period begins where it is positive")

@@ -51,9 +51,9 @@ def sustained(
         leads to an end of a sheet, and back to it from beyond; or "cycle". `spin_low` and `spin_high`, between which the spin
         goes to and fro, and `radius_low` and `radius_high`, else both alike; whether it `attracts`; `slow_rate`, of what is
         off the spin, per forcing period and in units of itself (1 + it is the multiplier of the slow direction; -inf at an
-        end, NaN for a cycle); `slow_periods` and `slow_time`, in which that falls or grows by e, or once round a cycle;
-        `spin_error`, by that of the map, or where the drift is found to lead back to an end; and the attributes of a
-        `PeriodicOrbit`, for a cycle those at its least spin.
+        end, NaN for a cycle); `slow_periods` and `slow_time`, in which that falls or grows by a factor of 2.718, or once
+        round a cycle; `spin_error`, by that of the map, or where the drift is found to lead back to an end; and the
+        attributes of a `PeriodicOrbit`, for a cycle those at its least spin.
         Along `sheet`: `sheet_low` and `sheet_high`, least and greatest spin of a stretch of the family, why it ends there
         (empty if it does not), and where it leads: to which spin, or what the run does.
         The attribute `cost` says how many forcing periods of the map it took.
@@ -104,7 +104,9 @@ MEANINGS = {
     "radius_high": Quantity("m", "greatest radius"),
     "attracts": Quantity("1", "whether the spin of motions nearby comes to it"),
     "slow_rate": Quantity("1", "growth per forcing period of what the spin is off, in units of itself"),
-    "slow_periods": Quantity("1", "forcing periods in which that changes by a factor of e, or once round the cycle"),
+    "slow_periods": Quantity(
+        "1", "forcing periods in which that changes by a factor of 2.718, or once round the cycle"
+    ),
     "slow_time": Quantity("s", "the same as a time"),
     "spin_error": Quantity("rad s-1", "how well the spin is known, by the accuracy of the map"),
 }

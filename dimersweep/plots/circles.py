@@ -18,7 +18,7 @@ NO_CIRCLE = {"in a plane": "0.8", "no spin that attracts": "0.55"}  # greys of p
 
 
 def circles(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """The circle to which each dimer is drawn, and the time in which the way there falls by a factor of e, over its axes.
+    """The circle to which each dimer is drawn, and the time in which the way there falls by a factor of 2.718, over its axes.
 
     Grey points have no such circle: the walk ends in a plane, or no spin attracts.
 

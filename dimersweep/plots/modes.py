@@ -66,7 +66,7 @@ def segments(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         (shown,) = axes.plot(
             cube["beta0"].values[place], which, "|", color=ink(), label="mode unsure, or another one near"
         )
-        board.legend("lower center", [shown], fontsize="small")
+        board.legend("lower center", [shown] if which.size else [], fontsize="small")
     axes.set_yticks(range(lengths.size), [given(str(name), value) for value in lengths[name].values])
     axes.set_ylim(-0.6, lengths.size - 0.4)
     axes.grid(axis="x", alpha=0.3)

@@ -81,6 +81,10 @@ class Lyapunov(NamedTuple):
     per_period: float
     periods: int
 
+    def __repr__(self) -> str:
+        growth = f"exponent {self.exponent:.4g} /s, error {self.error:.2g} /s, {self.per_period:.4g} per forcing period"
+        return f"<Lyapunov: {growth}, over {self.periods} of them>"
+
 
 class Spectrum(NamedTuple):
     """Lyapunov exponents, the largest first.

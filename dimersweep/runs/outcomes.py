@@ -6,6 +6,7 @@ from typing import Any
 
 from dimersweep.errors import AbsentError
 from dimersweep.kernel.model.layout import OrbitNumbers
+from dimersweep.symbols import QUANTITIES, units_shown
 
 
 class Absent:
@@ -41,7 +42,7 @@ class Absent:
         raise AbsentError(f"{name}: {self._why}")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Orbit(OrbitNumbers):
     """The orbit of a drift: values of its last full period, and the change of each per period, fitted over the last 20.
 
@@ -83,6 +84,11 @@ class Orbit(OrbitNumbers):
 
     di_end: str
     spin_drift: float = nan
+
+    def __repr__(self) -> str:
+        shown = {name: QUANTITIES[name].units for name in ("radius", "period", "zeta", "speed", "impact_phase", "spin")}
+        numbers = [f"{name} {getattr(self, name):.6g} {units_shown(units)}".strip() for name, units in shown.items()]
+        return f"<Orbit: {', '.join(numbers)}, di_end {self.di_end}>"
 
 
 def no_orbit(mode: str) -> Absent:
