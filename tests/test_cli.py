@@ -642,7 +642,7 @@ def test_a_cube_that_has_no_picture_is_made_again(call, done, refused, fake_kern
 def test_all_mistakes_of_a_file_are_told_at_once(refused):
     bad = SMALL.replace("periods =", "perods =").replace("mu = 0.2", "mu = -1\nGama = 2").replace('"segments"', '"pie"')
     bad = bad.replace("[grid]", "rtol = 3\n[grid]").replace("fig07-small.nc", "fig07.csv")
-    Path("small.toml").write_text(bad.replace("f = [15, 20, 25]", 'f = ["15 rpm"]'))
+    Path("small.toml").write_text(bad.replace("f = [15, 20, 25]", 'f = ["15 m"]'))
     first, *lines = refused("run", "small.toml", lines=8).splitlines()
     assert first == "small.toml: 7 mistakes"
     assert [line.split(" (allowed")[0] for line in lines] == [
@@ -651,7 +651,7 @@ def test_all_mistakes_of_a_file_are_told_at_once(refused):
         "  sweep.perods: unknown key; did you mean periods?",
         "  plot.kind = 'pie': must be 'segments', 'mode_map', 'regions', 'paths', 'walks', 'trends', 'minimum', 'impact_ends', "
         "'shares', 'planar', 'bifurcation' or 'circles'",
-        "  f = '15 rpm': the unit must be Hz",
+        "  f = '15 m': the unit must be Hz, rpm or the like",
         "  mu = -1.0: must be >= 0",
         "  Gama: unknown parameter; did you mean Gamma?",
     ]

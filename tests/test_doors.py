@@ -196,7 +196,7 @@ COUNTS = {
 # what takes no number, or is made by the package and not by a user
 NO_NUMBERS = {
     "Run", "PeriodicOrbit", "Orbit", "Edge", "Fit", "Track", "Lyapunov", "Multipliers", "Spectrum", "Minimum", "PowerLaw",
-    "Waveform.f", "Waveform.waves", "Waveform.errors", "Waveform.rest", "Waveform.spectrum",  # these `simulate` reads
+    "Waveform.f", "Waveform.waves", "Waveform.errors", "Waveform.rest", "Waveform.spectrum", "Waveform.others", "Waveform.notes",  # these `simulate` reads
     "Measured.names", "Measured.track", "qr_growth.maps", "qr_growth.directions",
     # whose units it keeps, see below
     "minimum.points", "minimum.values",
@@ -534,7 +534,7 @@ def test_what_an_observer_returns_keeps_its_unit_and_its_gaps(kind):
     returned, (height, row) = OF_OBSERVERS[kind]
     RETURNED.values = returned
     cube = dimersweep.sweep({"Gamma": [0.9]}, observe=given_back, **IN_STATES)
-    assert cube["observer_error"].values.tolist() == [b""]
+    assert cube["observer_error"].values.tolist() == [""]
     np.testing.assert_array_equal(cube["height"].values, [height])
     np.testing.assert_array_equal(cube["row"].values, [row])
 
