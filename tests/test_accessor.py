@@ -88,7 +88,7 @@ def test_a_cube_tells_what_it_is(cube):
     [
         ({"f": 15}, r"^beta0: has 5 values; give one of them$"),
         ({"F": 15}, r"^F: unknown axis of the cube; did you mean f\? \(allowed: f, beta0\)$"),
-        ({"f": "15 deg", "beta0": 0.1}, r"^f = '15 deg': the unit must be Hz$"),
+        ({"f": "15 deg", "beta0": 0.1}, r"^f = '15 deg': the unit must be Hz, rpm or the like$"),
         ({"f": 15, "beta0": 16}, r"^beta0 = 16: must lie on the axis, \S+ to \S+ rad$"),
         ({"f": 50, "beta0": "16 deg"}, r"^f = 50: must lie on the axis, 15 to \d+ Hz$"),
     ],
