@@ -196,7 +196,8 @@ COUNTS = {
 # what takes no number, or is made by the package and not by a user
 NO_NUMBERS = {
     "Run", "PeriodicOrbit", "Orbit", "Edge", "Fit", "Track", "Lyapunov", "Multipliers", "Spectrum", "Minimum", "PowerLaw",
-    "Waveform.f", "Waveform.waves", "Waveform.errors", "Waveform.rest", "Waveform.spectrum", "Waveform.others", "Waveform.notes",  # these `simulate` reads
+    "Waveform.f", "Waveform.waves", "Waveform.errors", "Waveform.rest", "Waveform.spectrum",
+    "Waveform.others", "Waveform.notes", "observer.version", "observer.depends",  # these `simulate` reads
     "Measured.names", "Measured.track", "qr_growth.maps", "qr_growth.directions",
     # whose units it keeps, see below
     "minimum.points", "minimum.values",

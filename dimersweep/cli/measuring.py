@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 # of columns and of decimals; a comma is one of both, so it comes last
-MARKS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (r"\s+", "."), (r"\s+", ","), (",", "."))
+SEPARATORS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (r"\s+", "."), (r"\s+", ","), (",", "."))
 UNIT = r"[\[(]?(s|ms|us|µs|g|mg|m/s2|m/s\^2|m/s²|m s-2)[\])]?"
 SOUGHT = 500  # lines in which the first numbers stand
 Column = Annotated[str | None, option("Its column, where it is not found by its name.", metavar="NAME")]
@@ -90,7 +90,7 @@ def _table(path: Path) -> "xr.Dataset":
     from dimersweep.inputs import read_text
 
     lines = read_text(path).splitlines()[:SOUGHT]
-    for separator, decimal in MARKS:
+    for separator, decimal in SEPARATORS:
         number = re.compile(rf"[-+]?\d*[{decimal}]?\d+[{decimal}]?([eE][-+]?\d+)?")
         rows = [[each.strip(' "') for each in re.split(separator, line.strip().lstrip("#"))] for line in lines]
         wide = [len(row) if len(row) > 1 and all(map(number.fullmatch, row)) else 0 for row in rows]

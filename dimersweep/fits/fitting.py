@@ -41,7 +41,7 @@ FEW_STEPS = 10
 STIFF = 1e3  # errors to a range, by which the solver is held along a valley: the misfit hardly pulls there
 POINTS = 20  # of a valley as large as the ranges, about
 PER_ERROR = 0.5  # of the error along one that is shorter: the step
-APART = 0.7  # steps from one point to another at least
+APART_ALONG = 0.7  # steps from one point to another at least
 FAR_UP = 9.0  # of the misfit above the best one: the end of a valley
 CURVED = 0.3  # of an error, by which the slopes at the fit may be wrong an error away
 NO_ERRORS = 1e-2  # the same below which a parameter changes no datum
@@ -366,7 +366,7 @@ class _Search:
         ahead = [(seed, directions[-n_open:]) for seed in seeds]
 
         def near(u: np.ndarray) -> bool:
-            return any(np.linalg.norm(u - point.u) < APART * step for point, _ in found)
+            return any(np.linalg.norm(u - point.u) < APART_ALONG * step for point, _ in found)
 
         while ahead:
             point, before = ahead.pop(0)

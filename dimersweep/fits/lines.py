@@ -12,15 +12,18 @@ from scipy.ndimage import maximum_filter1d, median_filter
 from dimersweep.errors import ParameterError
 
 CHUNK = 2048  # samples at once, whose exponentials stay in a processor's cache
-BLOCKS = 64  # of a record, at most; each has a period at least
+MOST_BLOCKS = 64  # of a record, at most; each has a period at least
 STEPS, SETTLED = 20, 1e-12  # of Gauss and Newton for the frequency, and the last of them, in units of it
-START = 8  # samples whose numbers follow from the usual step alone, though some are missing
-FEW = 2  # missing samples that are told from a clock a little slower, whose rounded times are the same
-TREND, PARTS = 4, 16  # periods between the knots of a trend, and means there: each is much shorter than a period
-CLEAR, BESIDE = 6.0, 20  # height of a line over the median of so many bins on each side: noise has none in 1e11 bins
-NEAR = 3  # bins beside a line in which there is no other
-LINES, SMALL = 12, 1e-5  # further lines that are taken out, at most, and their least part of the first
-STEADY, CHANGES, TOLD = (
+FIRST_SAMPLES = 8  # samples whose numbers follow from the usual step alone, though some are missing
+FEW_MISSING = 2  # missing samples that are told from a clock a little slower, whose rounded times are the same
+TREND, TREND_PARTS = 4, 16  # periods between the knots of a trend, and means there: each is much shorter than a period
+CLEAR, BINS_BESIDE = (
+    6.0,
+    20,
+)  # height of a line over the median of so many bins on each side: noise has none in 1e11 bins
+NEAR_LINE = 3  # bins beside a line in which there is no other
+LINES, SMALL_LINE = 12, 1e-5  # further lines that are taken out, at most, and their least part of the first
+STEADY_LINE, NOISE_CHANGES, TOLD = (
     0.1,
     2.0,
     0.003,
@@ -54,7 +57,7 @@ class Periodic:
 
     def sums(self, t: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the middles of blocks of time, their samples, and the sums there of `rest exp(-i k omega t)`, as `parts`."""
-        count = int(min(BLOCKS, np.ptp(t) * self.f))
+        count = int(min(MOST_BLOCKS, np.ptp(t) * self.f))
         edges = np.searchsorted(t, [*np.linspace(t[0], t[-1], count + 1)[:-1], np.inf])
         each = _waves(t, self.omega, len(self.parts) - 1, edges)
         sums = np.array([(rest[part].T @ waves).view(complex).conj().T for part, waves in each])
@@ -121,13 +124,13 @@ def on_a_grid(t: np.ndarray) -> tuple[np.ndarray, float]:
     rounded = max(levels.min() if levels.size else 0.0, np.spacing(np.float32(since[-1])))
     all_there = np.arange(t.size)
     numbers = _numbers(since, rounded) if np.ptp(steps) > 0.01 * rounded else all_there
-    few = np.ptp(numbers) - all_there[-1] <= FEW
+    few = np.ptp(numbers) - all_there[-1] <= FEW_MISSING
     for places in (numbers, all_there) if few else (all_there, numbers):
         even = places - places.mean()
         even *= even @ since / (even @ even or 1.0)
         if (np.diff(places) > 0).all() and np.ptp(even - since) <= 1.05 * rounded:
             off = [
-                each.mean() for each in np.array_split(even - since, min(BLOCKS, t.size))
+                each.mean() for each in np.array_split(even - since, min(MOST_BLOCKS, t.size))
             ]  # that rounding repeats after a while
             return even - even[0], float(np.std(off) * np.sqrt(12 / len(off)) / since[-1])
     if told:
@@ -137,7 +140,7 @@ def on_a_grid(t: np.ndarray) -> tuple[np.ndarray, float]:
 
 def _numbers(t: np.ndarray, rounded: float) -> np.ndarray:
     """Return the number of each sample by an even clock, some being missing: of the step that most times are multiples of."""
-    m = min(START, t.size - 1)
+    m = min(FIRST_SAMPLES, t.size - 1)
     strides = t[m:] - t[:-m]
     step = max(float(strides[np.abs(strides - np.median(strides)) <= rounded].mean()) / m, np.spacing(t[-1]))
     while m < t.size:  # more and more of the times, each of which tells the step more exactly
@@ -162,8 +165,10 @@ def peaks(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the frequencies of clear lines [Hz], to a small part of a bin, and their amplitudes, the strongest first."""
     frequencies, density = densities(t, a)
     size = np.linalg.norm(density, axis=0) * np.sqrt(3 * frequencies[1])
-    here = (size == maximum_filter1d(size, 2 * NEAR + 1)) & (size > CLEAR * median_filter(size, 2 * BESIDE + 1))
-    k = np.flatnonzero(here[NEAR + 1 : -1]) + NEAR + 1
+    here = (size == maximum_filter1d(size, 2 * NEAR_LINE + 1)) & (
+        size > CLEAR * median_filter(size, 2 * BINS_BESIDE + 1)
+    )
+    k = np.flatnonzero(here[NEAR_LINE + 1 : -1]) + NEAR_LINE + 1
     k = k[np.argsort(-size[k])]
     low, top, high = (np.log(np.maximum(size[k + by], 1e-300)) for by in (-1, 0, 1))
     return (k + 0.5 * (low - high) / np.minimum(low - 2 * top + high, -1e-300)) * frequencies[1], size[k]
@@ -172,7 +177,7 @@ def peaks(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def trend(t: np.ndarray, rest: np.ndarray, period: float) -> np.ndarray:
     """Return what of a record changes slowly, over periods: a spline, shape (n, axes)."""
     knots = np.linspace(t[0], t[-1], int(np.ptp(t) / (TREND * period)) + 1)
-    edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], PARTS * len(knots), endpoint=False)))
+    edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], TREND_PARTS * len(knots), endpoint=False)))
     counts = np.diff(edges, append=t.size)
     centres, means = np.add.reduceat(t, edges) / counts, np.add.reduceat(rest, edges) / counts[:, None]
     return make_lsq_spline(centres, means, np.r_[[t[0]] * 3, knots, [t[-1]] * 3])(t)
@@ -184,12 +189,12 @@ def without_others(
     """Return a record without the clear lines in what is left of it, and these lines."""
     lines: list[Periodic] = []
     frequencies, sizes = peaks(t, rest)
-    clear = (sizes > SMALL * np.abs(found.parts[1]).max()) & (
+    clear = (sizes > SMALL_LINE * np.abs(found.parts[1]).max()) & (
         frequencies > found.f / TREND
     )  # what is slower is a trend
     for frequency in frequencies[clear]:
         order = round(frequency / found.f)
-        own = 1 <= order < len(found.parts) and abs(frequency - order * found.f) * np.ptp(t) <= NEAR
+        own = 1 <= order < len(found.parts) and abs(frequency - order * found.f) * np.ptp(t) <= NEAR_LINE
         if not own and len(lines) < LINES:
             lines.append(fitted(t, rest, 2 * np.pi * frequency, 1))
             rest, a = (lines[-1].taken_from(t, each) for each in (rest, a))
@@ -208,7 +213,7 @@ def changes(t: np.ndarray, rest: np.ndarray, found: Periodic, begin: float) -> s
     line, at = 1 + sums[:, 1, 0] / counts / found.parts[1, 0], at + begin
     change = float(np.sqrt((np.abs(line - 1) ** 2).mean()))
     noise = np.median(np.abs(np.diff(line))) / 1.18  # the median of a difference of two, over the deviation of one
-    if change <= max(CHANGES * noise, TOLD):
+    if change <= max(NOISE_CHANGES * noise, TOLD):
         return ""
     sizes, turns = np.abs(line), np.unwrap(np.angle(line)) / (2 * np.pi)
     there = sizes > 0.5 * np.quantile(sizes, 0.9)
@@ -224,6 +229,6 @@ def changes(t: np.ndarray, rest: np.ndarray, found: Periodic, begin: float) -> s
         ends = [(at[k], 2 * abs(found.parts[1, 0]) * sizes[k]) for k in sorted((sizes.argmin(), sizes.argmax()))]
         seen = "has " + " and ".join(f"{size:.4g} m/s2 at t = {when:.3f} s" for when, size in ends)
     seen = f"the line at {found.f:.6g} Hz {seen}"
-    if change > STEADY:
+    if change > STEADY_LINE:
         raise ParameterError(f"a (z): {seen}; give a part in which it stays the same")
     return seen

@@ -23,17 +23,17 @@ from dimersweep.orbits.passage import TURN
 
 LEAST_TURN = 0.05  # turns in a track that are tried at least
 TURN_PARTS = 4  # rates that are tried in each further turn
-MOST_TURNS = 2**20  # in a track that are tried at most: the transforms have 8 million bins then
+MOST_TURNS_TRIED = 2**20  # in a track that are tried at most: the transforms have 8 million bins then
 PER_STEP = 1.5  # turns in the usual step of the times that are tried at most: half a turn, and an alias either way
 WORTH = 0.35  # share of what the best rate takes off from which one is tried exactly: bins take up to 0.6 of it away
 TRIED, TRIED_POINTS = 64, 2000  # of the best and of the slowest of them that are tried exactly, and on how many points
-VALLEY = 1.0  # distance of two minima at least, in radians in the whole track
+RATE_VALLEY = 1.0  # distance of two minima at least, in radians in the whole track
 SAME_TIME = 1e-9  # step of the times, over the whole track, up to which it comes of rounding
-FEW = 0.25  # share of the times that have fewer rows than most
-BY_CHANCE = 0.0027  # probability of a misfit so much above the best one from which on it is about as good
-ROUNDING = 1e-9  # error of a coordinate at least, in radii: that of numbers without errors
-FAST, FASTER = 1.0, 10.0  # speed of a fast dimer [m s-1]; how much faster than it, or than the track, none is
-APART = 3.0  # errors from which on it is told how far places of one time are apart
+FEW_POINTS = 0.25  # share of the times that have fewer rows than most
+CHANCE_OF_ALIAS = 0.0027  # probability of a misfit so much above the best one from which on it is about as good
+TIME_ROUNDING = 1e-9  # error of a coordinate at least, in radii: that of numbers without errors
+FAST_TURN, FASTER = 1.0, 10.0  # speed of a fast dimer [m s-1]; how much faster than it, or than the track, none is
+APART_IN_TIME = 3.0  # errors from which on it is told how far places of one time are apart
 LEAST_OWN = 1e-3  # share of a circle that is none of what stands still, below which it is not told apart
 SLOW_POINTS = 20  # points of a track, with which two further coefficients cost little
 SPIRAL_STEPS = 64  # of a turn, by which the path of an orbit is summed
@@ -198,7 +198,7 @@ def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
     times, place, sigma = _checked(t, x, y, sigma, moving)
     minima = _minima(_scaled(times), place, moving)
     speeds = [abs(rate * coefficients[-1]) / np.ptp(times) for rate, coefficients in minima]
-    slow = [each for each, speed in zip(minima, speeds, strict=True) if speed <= FASTER * max(speeds[0], FAST)]
+    slow = [each for each, speed in zip(minima, speeds, strict=True) if speed <= FASTER * max(speeds[0], FAST_TURN)]
     track, *others = [_read(times, place, sigma, each) for each in slow]
     radius, error = track.values["path_radius"], track.errors["path_radius"]
     if not error < radius:
@@ -225,9 +225,9 @@ def _read(times: np.ndarray, place: np.ndarray, sigma: float | None, minimum: Mi
     G[2:, 1:-2] = np.diag(np.repeat(1 / units, 2))
     back = sigma * G @ np.linalg.pinv(J)
     covariance = back @ back.T
-    if TURN * radius / period > FASTER * FAST:
+    if TURN * radius / period > FASTER * FAST_TURN:
         notes.append(f"a dimer at {TURN * radius / period:.3g} m/s is too fast: x and y must be in m, t in s")
-    if abs(within) > APART * sigma:
+    if abs(within) > APART_IN_TIME * sigma:
         nearer = within.real**2 / (2 * radius)  # is the mean of points along an arc to its centre
         covariance[0, 0] += nearer**2
         notes.append(
@@ -278,7 +278,7 @@ def _rows(times: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray,
         return times, place, times.size
     rows = np.unique(np.column_stack([times[begins][np.cumsum(begins) - 1], place.real, place.imag]), axis=0)
     _, group, counts = np.unique(rows[:, 0], return_inverse=True, return_counts=True)
-    usual = np.quantile(counts, FEW)
+    usual = np.quantile(counts, FEW_POINTS)
     whole = counts >= np.minimum(usual, 2)
     whole[[0, -1]] = counts[[0, -1]] >= usual
     rows = rows[whole[group]]
@@ -313,13 +313,13 @@ def _scatter(s: np.ndarray, place: np.ndarray, rate: float, coefficients: np.nda
     within = (place - mean[group]) / (1j * A[:, -1] * coefficients[-1] / abs(coefficients[-1]))[group]
     along, across = np.sqrt([within.real @ within.real, within.imag @ within.imag] / np.maximum(1, group.size - s.size))
     left, free = np.concatenate([residual.real, residual.imag]) * weights, weights.size - 1 - 2 * coefficients.size
-    variance = max(float(left @ left) / free, abs(ROUNDING * coefficients[-1]) ** 2)
+    variance = max(float(left @ left) / free, abs(TIME_ROUNDING * coefficients[-1]) ** 2)
     orders = np.column_stack([1j * s**2, s, 1j * s**3, s**2])[:, : 4 if s.size >= SLOW_POINTS else 2]
     slow = orders * (A[:, -1] * coefficients[-1])[:, None]
     slopes = np.column_stack([_slopes(s, rate, coefficients), np.vstack([slow.real, slow.imag])]) * weights[:, None]
     left = left - slopes @ np.linalg.lstsq(slopes, left, rcond=None)[0]
     sigma = np.linalg.norm(left) / np.sqrt(slopes.shape[0] - slopes.shape[1])
-    return float(sigma), complex(along, across), float(variance * variance_ratio.isf(BY_CHANCE, 1, free))
+    return float(sigma), complex(along, across), float(variance * variance_ratio.isf(CHANCE_OF_ALIAS, 1, free))
 
 
 def _scaled(times: np.ndarray) -> np.ndarray:
@@ -355,7 +355,7 @@ def _alike(s: np.ndarray, place: np.ndarray, rates: list[float], moving: bool) -
     most = misses[order[0]] + _scatter(s, place, *minima[order[0]])[2]
     found: list[Minimum] = []
     for k in order:
-        if misses[k] <= most and all(abs(minima[k][0] - rate) > VALLEY for rate, _ in found):
+        if misses[k] <= most and all(abs(minima[k][0] - rate) > RATE_VALLEY for rate, _ in found):
             found.append(minima[k])
     return sorted(found, key=lambda each: abs(each[0]))
 
@@ -367,7 +367,7 @@ def _fast_rates(s: np.ndarray, place: np.ndarray, moving: bool) -> np.ndarray:
     the conjugate of e times the place, which their transforms are, what a circle takes off beside a centre, or a centre that
     moves, is a quotient at each rate.
     """
-    most = next_fast_len(int(min(PER_STEP / _step(s), MOST_TURNS)) + 1)
+    most = next_fast_len(int(min(PER_STEP / _step(s), MOST_TURNS_TRIED)) + 1)
     bins, length = 2 * most, 2 * most * TURN_PARTS
     which = np.minimum((bins * (s + 0.5)).astype(int), bins - 1)
     still = np.linalg.qr(_basis(s, 0.0, moving)[:, : 2 if moving else 1].real)[0]

@@ -24,13 +24,19 @@ Waves = dict[str, dict[int, tuple[float, float]]]
 MEASURED_AXES = ("z", "x", "y")
 LEAST_PERIODS = 20  # of a record: fewer do not tell the harmonics from what lies between them
 PER_PERIOD = 2.5  # samples in a period of the highest harmonic, at least
-GAP = 0.5  # periods without a sample, from which the record has a gap
+GAP_PERIODS = 0.5  # periods without a sample, from which the record has a gap
 SURE = 4.0  # errors above which a harmonic is kept
-DRIFT, ASIDE = 0.25, 0.02  # by which a frequency that is given may be off: cycles over the record; to look for its line
-SHARE = 0.1  # of the strongest line, from which one may be the shaker's
+DRIFT, NEAR_GIVEN = (
+    0.25,
+    0.02,
+)  # by which a frequency that is given may be off: cycles over the record; to look for its line
+LINE_SHARE = 0.1  # of the strongest line, from which one may be the shaker's
 MAINS, MAINS_OFF = (50.0, 60.0), 0.3  # Hz, and by how much they and the clock of a record are off
-UPRIGHT = 0.2  # of g, by which the mean of an axis along gravity may be off
-CUT, LEAST_CUT = 2.0, 20  # samples at the end of a range if it is clipped: times as many as of a sine, and how many
+GRAVITY_ALONG = 0.2  # of g, by which the mean of an axis along gravity may be off
+CUT_PEAKS, LEAST_CUT = (
+    2.0,
+    20,
+)  # samples at the end of a range if it is clipped: times as many as of a sine, and how many
 SLOW, REDDER = 3, 4.0  # slowest waves of a phase, that are so much greater than the fast ones if a clock wanders
 WALK = 8.0  # twice the 4.0 that a random walk of the phase has over their squares: three of them tell it to 40 % only
 SHOWN = 4  # other lines that are printed
@@ -320,23 +326,23 @@ def _start(t: np.ndarray, a: np.ndarray, given: float | None, begin: float) -> t
     of the greatest velocity.
     """
     places, sizes = lines.peaks(t, detrend(a[:, :1], axis=0))
-    places, sizes = (each[sizes > lines.SMALL**2 * np.abs(a[:, 0]).max()] for each in (places, sizes))
+    places, sizes = (each[sizes > lines.SMALL_LINE**2 * np.abs(a[:, 0]).max()] for each in (places, sizes))
     if not places.size:
         raise ParameterError("a (z): has no line, as the acceleration of a shaker has")
-    strong = places[sizes >= SHARE * sizes[0]]
+    strong = places[sizes >= LINE_SHARE * sizes[0]]
     orders = np.rint(np.divide.outer(strong, strong))  # of each line on each
     harmonic = (np.abs(strong[:, None] - orders * strong) * np.ptp(t) < 0.5) & (orders >= 1) & (orders <= HARMONICS)
     mains = np.abs(np.subtract.outer(strong, MAINS)).min(axis=1) < MAINS_OFF
     shaker = start = max(zip(~mains, harmonic.sum(axis=0), sizes[: strong.size] / strong, strong, strict=True))[-1]
     if given is not None:
-        near = places[np.abs(places - given) < max(ASIDE * given, lines.NEAR / np.ptp(t))]
+        near = places[np.abs(places - given) < max(NEAR_GIVEN * given, lines.NEAR_LINE / np.ptp(t))]
         start = near[0] if near.size else shaker
     step, gap = float(np.median(np.diff(t))), int(np.diff(t).argmax())
     if (periods := start * (np.ptp(t) + step)) < LEAST_PERIODS - 0.5:
         raise ParameterError(f"t: the record holds {periods:.3g} periods; must be at least {LEAST_PERIODS}")
     if (most := min(HARMONICS, int(1 / (PER_PERIOD * step * start)))) < 2:
         raise ParameterError(f"t: {1 / (step * start):.3g} samples a period; must be at least {2 * PER_PERIOD:g}")
-    if t[gap + 1] - t[gap] > GAP / start:
+    if t[gap + 1] - t[gap] > GAP_PERIODS / start:
         ends = f"t = {begin + t[gap + 1]:.13g} after {begin + t[gap]:.13g}"
         raise ParameterError(f"{ends}: the record has a gap there; give one without")
     return float(start), float(shaker), most
@@ -345,18 +351,18 @@ def _start(t: np.ndarray, a: np.ndarray, given: float | None, begin: float) -> t
 def _seen(a: np.ndarray, names: list[str], g: float) -> list[str]:
     """Turn z over where the accelerometer was upside down, and return in words what is to be seen of how it measured."""
     notes, means = [], a.mean(axis=0)
-    if means[0] < (UPRIGHT - 1) * g:
+    if means[0] < (GRAVITY_ALONG - 1) * g:
         notes.append(f"z: the mean is {means[0]:.4g} m/s2, so the accelerometer was upside down; z is turned over")
         a[:, 0] *= -1
     for name, mean, values in zip(names, means, a.T, strict=True):
-        if name != "z" and abs(abs(mean) - g) < UPRIGHT * g and abs(means[0]) < UPRIGHT * g:
+        if name != "z" and abs(abs(mean) - g) < GRAVITY_ALONG * g and abs(means[0]) < GRAVITY_ALONG * g:
             notes.append(f"{name}: the mean is {mean:.4g} m/s2, that of z {means[0]:.4g}: gravity is along {name}")
         if name == "z" and abs(abs(mean) - 1) < 0.05 and g > 2:
             notes.append(f"z: the mean is {mean:.4g} m/s2; of a record in units of g, g is 1")
         for end in (values.min(), values.max()):
             at_end, gap = int((values == end).sum()), np.abs(values[values != end] - end).min(initial=np.inf)
             sine = len(values) * np.sqrt(4 * gap / np.ptp(values)) / np.pi  # that many are within a gap of its peak
-            if at_end > max(LEAST_CUT, CUT * sine):
+            if at_end > max(LEAST_CUT, CUT_PEAKS * sine):
                 notes.append(f"{name}: {at_end / len(values):.2%} of the values are {end:.6g} m/s2: its peaks are cut")
     return notes
 

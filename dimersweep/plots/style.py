@@ -52,7 +52,7 @@ PICTURES = (".png", ".pdf", ".svg")
 DPI = 200  # of a picture that is not made of lines
 FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}  # that journals take; text stays text
 COLUMN = 4.5  # inches: less is the width of a column of a paper, in which panels and legend stand one below the other
-CLOSE = 1e3  # span of a logarithmic scale beyond which marks at 2 and 5, too, would be too many
+CLOSE_PANELS = 1e3  # span of a logarithmic scale beyond which marks at 2 and 5, too, would be too many
 INDISTINCT = 1e-12  # of what is shown, in its unit: values that differ by less are drawn as one
 
 
@@ -265,7 +265,7 @@ def log_scale(axes: Axes) -> None:
         return
     axes.set_yscale("log")
     low, high = axes.get_ylim()
-    places = (1, 2, 5) if high < CLOSE * low else (1,)
+    places = (1, 2, 5) if high < CLOSE_PANELS * low else (1,)
     axes.yaxis.set_major_locator(LogLocator(subs=places) if high > 10 * low else MaxNLocator(6))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter(NullFormatter())

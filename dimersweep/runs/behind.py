@@ -10,9 +10,9 @@ from dimersweep.cubes.cube import line_number, made_number, same_number, setting
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import ROW
-from dimersweep.parameters import reduced, value_of
+from dimersweep.parameters import reduced, value_of, without_effect
 from dimersweep.runs.solving import RunSettings
-from dimersweep.symbols import HIGHER, PARAMETERS, SETTINGS
+from dimersweep.symbols import ENDS, HIGHER, PARAMETERS, SETTINGS
 
 AS_MADE = "take the point from the cube as it was made"
 LOST_HERE = f"the point has lost it (where it was dropped, renamed, or put together with others); {AS_MADE}"
@@ -71,8 +71,9 @@ def parameters_of(point: xr.Dataset) -> dict[str, float]:
 def _reduced(told: dict[str, float]) -> dict[str, float]:
     """Parameters without those that follow from others, of which none may say another thing than these."""
     kept: dict[str, float] = reduced(told)
+    idle = without_effect(kept)
     for name, value in told.items():
-        if value_of(name, kept) != value:
+        if {value_of(each, kept) for each in (ENDS[name] if name in idle else (name,))} != {value}:
             raise ParameterError(f"{name} = {value:g}: is not that of the run of this point; {AS_MADE}")
     return kept
 
