@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from dimersweep.runs.energy import By
     from dimersweep.runs.sections import At
 
-STILL = 1e-9  # speed [m/s] below which a dimer is said to lie still
+LIES_STILL = 1e-9  # speed [m/s] below which a dimer is said to lie still
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
@@ -131,7 +131,7 @@ class Run(RunNumbers):
     def __repr__(self) -> str:
         circle = f"radius {self.orbit.radius:.4g} m" if self.orbit and not isnan(self.orbit.radius) else "straight"
         orbit = f", {circle}, zeta {self.orbit.zeta:.4g} rad" if self.orbit else ""
-        moves = f"moves at {self.end_speed:.3g} m/s" if self.end_speed > STILL else "lies still"
+        moves = f"moves at {self.end_speed:.3g} m/s" if self.end_speed > LIES_STILL else "lies still"
         rest = f", both ends down, {moves}" if self.mode in DOWN_WORDS else ""
         kept = f", {'record cut' if self._record else self.record_cut}" if self.record_cut else ""
         return f"<Run: {self.status}, {self.mode}{orbit}{rest}, {self.n_periods} periods, {self.n_events} events{kept}>"
