@@ -79,7 +79,7 @@ def _configuration(fields: Mapping[str, Any]) -> dict[str, Any]:
         **{name: fields[name] for name in ("parameters", "start", "rtol")},
         "outcome": {name: fields[name] for name in ("message", *CODES, *RUN_COLUMNS) if name != "di_end"},
         "orbit": None if isinstance(fields["orbit"], Absent) else asdict(fields["orbit"]),
-        "phases": 0 if fields["_record"] is None else len(fields["_record"].segments),
+        "recorded": fields["_record"] is not None,
         "record_cut": fields["_record"] is not None and fields["_record"].cut,
         "kernel_version": kernel_version(),
     }
@@ -96,8 +96,9 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
             warnings.warn(
                 f"{line}; states between its events may differ in the last digits", RuntimeWarning, stacklevel=3
             )
-        if configuration.get("phases") == 0:  # what has no rows is not written
-            rows["segment_rows"] = np.zeros((0, N_SEGMENT))
+        if configuration.get("recorded"):  # what has no rows is not written
+            empty = {"event_rows": np.zeros((0, N_EVENT)), "segment_rows": np.zeros((0, N_SEGMENT))}
+            rows = empty | rows
         if "segment_rows" in rows:  # of an earlier version: without slips
             lack = N_SEGMENT - SEGMENT_SLIP if rows["segment_rows"].shape[1:] == (SEGMENT_SLIP,) else 0
             rows["segment_rows"] = np.pad(rows["segment_rows"], [(0, 0), (0, lack)], constant_values=np.nan)
