@@ -237,6 +237,6 @@ def test_a_page_of_a_small_dimer_is_as_round_as_that_of_a_large_one():
 
 def test_a_run_that_shows_nothing_is_told_so(run, tmp_path):
     none = replace(run, n_periods=0)
-    for show in (lambda: none.animate(tmp_path / "run.gif"), none.view):
-        with pytest.raises(ParameterError, match=r"^view: there is nothing to show, the run ended before a forcing"):
+    for name, show in (("animate", lambda: none.animate(tmp_path / "run.gif")), ("view", none.view)):
+        with pytest.raises(ParameterError, match=rf"^{name}: there is nothing to show, the run ended before a forcing"):
             show()
