@@ -167,8 +167,8 @@ def runs_of(cube: xr.Dataset, mode: str) -> xr.DataArray:
     >>> angles = {"start": 5, "stop": 35, "step": 5, "unit": "deg"}
     >>> grid = {"Gamma": [0.6, 0.9], "beta0": angles}
     >>> cube = search(grid, over="beta0", ask="fraction", periods=100, progress=False)
-    >>> runs_of(cube, "drift").values, cube["n_runs"].values
-    (array([0, 2]), array([7, 7]))
+    >>> runs_of(cube, "drift").values.tolist(), cube["n_runs"].values.tolist()
+    ([0, 2], [7, 7])
     """
     return cube["runs"].sel(outcome=MODES.index(mode))
 
