@@ -605,7 +605,7 @@ def row_of(each: Program, paths: dict[str, Path]) -> str:
     *rest, (most, kinds) = sorted(outcomes.items(), key=lambda each: len(each[1]))
     everything = "all others" if rest else "all" if len(kinds) > 1 else kinds[0]
     cells = [f"{words}: {', '.join(kinds)}" for words, kinds in rest] + [f"{most}: {everything}"]
-    return f"| {each.name} | {each.version()} | {'; '.join(cells)} |"
+    return f"| {each.name} | {each.version()} | {'. '.join(cells)} |"
 
 
 def main() -> None:
