@@ -28,9 +28,10 @@ class Checksum:
 
     def __init__(self, cube: xr.Dataset) -> None:
         self._types = {str(name): _type_of(each) for name, each in cube.variables.items()}
-        heads = {str(name): (each.dims, each.shape) for name, each in cube.variables.items()}
-        kinds = {name: (each.kind, each.itemsize) for name, each in self._types.items()}
-        self._sums = {name: sha256(repr((*head, *kinds[name])).encode()) for name, head in heads.items()}
+        self._sums = {}
+        for name, kind in self._types.items():
+            head = (cube.variables[name].dims, cube.variables[name].shape, kind.kind, kind.itemsize)
+            self._sums[name] = sha256(repr(head).encode())
 
     def add(self, name: Any, values: np.ndarray) -> None:
         """Take the next values of a variable, in C order."""

@@ -28,6 +28,7 @@ FLAGS = {
     "direction": DIRECTIONS,
 }
 CONVENTIONS, SOURCE = "CF-1.11", f"dimersweep {__version__}, event-driven simulation"  # of all data
+HISTORY = f"made by dimersweep {__version__}"  # of tables: without a time, so that the same call gives the same table
 OF_A_RUN = "of a run of a 3D dimer on a vibrating plate"  # in titles
 WRAP = 1 << 31  # of the numbers by which texts are known
 _SUMMED = {"fletcher32": True}  # a checksum that the NetCDF library itself tests, in any program that reads the file
@@ -107,12 +108,7 @@ def finished(table: xr.Dataset, title: str) -> xr.Dataset:
     """A table that tells what it is, and is written without a fill value for its coordinates, which CF forbids."""
     for name in table.coords:
         table[name].encoding["_FillValue"] = None
-    told = {
-        "Conventions": CONVENTIONS,
-        "title": title,
-        "source": SOURCE,
-        "history": f"made by dimersweep {__version__}",
-    }
+    told = {"Conventions": CONVENTIONS, "title": title, "source": SOURCE, "history": HISTORY}
     return table.assign_attrs(told | table.attrs)
 
 

@@ -120,26 +120,12 @@ class DatasetAccessor:
         return table.drop_vars(fixed).to_dataframe(dim_order=list(dims))
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
-        """Write the data as a NetCDF file that other programs read, too, as those are that this program writes itself.
-
-        Besides what `to_netcdf` of xarray writes, numbers have their range (`actual_range`), texts that are not ASCII are
-        bytes, and what lies along a dimension of length 0 is left out.
-
-        Parameters
-        ----------
-        path : path-like
-            Ends in .nc.
-        force : bool
-            Whether it may be replaced.
-
-        Returns
-        -------
-        Path
+        """Write the data as the NetCDF file `path`, for other programs, too; see docs/cubes.md.
 
         Raises
         ------
         ParameterError, StoreError
-            If it has another ending, exists already, or cannot be written.
+            If it has another ending, exists already and `force` is not given, or cannot be written.
         """
         path = check_output(path, force=force, name="path", what="a dataset", endings=TABLES)
         write_cube(self._data, path, force=force)

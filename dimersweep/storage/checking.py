@@ -113,10 +113,8 @@ def check_configured(cube: xr.Dataset, path: str | os.PathLike[str]) -> None:
     """
     if not _has_declared_axes(cube):
         points = " x ".join(f"{name} ({n})" for name, n in cube["mode"].sizes.items()) or "one point"
-        raise StoreError(
-            f"{path}: its configuration is that of other points than it has, {points}: it was cut, or put together of "
-            "several; give the cubes as they were made"
-        )
+        why = f"its configuration is that of other points than it has, {points}: it was cut, or put together of several"
+        raise StoreError(f"{path}: {why}; give the cubes as they were made")
 
 
 def _has_declared_axes(cube: xr.Dataset) -> bool:

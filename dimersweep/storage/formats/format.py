@@ -41,9 +41,8 @@ def _attribute(value: Any) -> Any:
     if values.dtype.kind in "OU":
         text = "; ".join(map(str, values.ravel().tolist()))
         return text if text.isascii() else text.encode()
-    return (
-        values.astype(kind_of_whole(values))[()] if values.dtype.kind in "iu" and values.dtype.itemsize > 1 else value
-    )
+    whole = values.dtype.kind in "iu" and values.dtype.itemsize > 1  # not codes of flags
+    return values.astype(kind_of_whole(values))[()] if whole else value
 
 
 def as_made(dataset: xr.Dataset) -> xr.Dataset:
