@@ -68,18 +68,19 @@ def _as_dataset(fields: Mapping[str, Any], events: xr.Dataset) -> xr.Dataset:
     for variable in variables.values():
         variable.encoding.update(PACKED, _FillValue=None)
     dataset = events.drop_encoding().assign(variables).assign_coords(fixed_coordinates(fields["parameters"]))
-    dataset.attrs = attributes(_configuration(fields), "run of a 3D dimer on a vibrating plate", 0.0)
+    without_rows = [name for name, values in arrays.items() if not len(values)]
+    dataset.attrs = attributes(_configuration(fields, without_rows), "run of a 3D dimer on a vibrating plate", 0.0)
     del dataset.attrs["dimersweep_cube"], dataset.attrs["wall_time_s"]
     return dataset.assign_attrs(dimersweep_run="1", mode=fields["mode"], status=fields["status"])
 
 
-def _configuration(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """What a run was made from, and what came out, as JSON can hold it; numbers keep every digit."""
+def _configuration(fields: Mapping[str, Any], without_rows: list[str]) -> dict[str, Any]:
+    """Return what a run was made from, and what came out, as JSON can hold it; numbers keep every digit."""
     return {
         **{name: fields[name] for name in ("parameters", "start", "rtol")},
         "outcome": {name: fields[name] for name in ("message", *CODES, *RUN_COLUMNS) if name != "di_end"},
         "orbit": None if isinstance(fields["orbit"], Absent) else asdict(fields["orbit"]),
-        "recorded": fields["_record"] is not None,
+        "without_rows": without_rows,
         "record_cut": fields["_record"] is not None and fields["_record"].cut,
         "kernel_version": kernel_version(),
     }
@@ -96,9 +97,8 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
             warnings.warn(
                 f"{line}; states between its events may differ in the last digits", RuntimeWarning, stacklevel=3
             )
-        if configuration.get("recorded"):  # what has no rows is not written
-            empty = {"event_rows": np.zeros((0, N_EVENT)), "segment_rows": np.zeros((0, N_SEGMENT))}
-            rows = empty | rows
+        for name in configuration.get("without_rows", ()):  # these are not written
+            rows[name] = np.zeros(SHAPES[name])
         if "segment_rows" in rows:  # of an earlier version: without slips
             lack = N_SEGMENT - SEGMENT_SLIP if rows["segment_rows"].shape[1:] == (SEGMENT_SLIP,) else 0
             rows["segment_rows"] = np.pad(rows["segment_rows"], [(0, 0), (0, lack)], constant_values=np.nan)
