@@ -1,4 +1,4 @@
-"""What the faces of the package and of its rooms share: the version, and what is loaded when it is asked for."""
+"""Share what the package and its rooms show: the version, and names that are loaded when they are asked for."""
 
 import sys
 from collections.abc import Callable, Sequence

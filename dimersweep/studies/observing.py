@@ -36,8 +36,8 @@ F = TypeVar("F")
 
 
 class Declared(NamedTuple):
-    """What `observer` has noted: the variables, the version or a checksum of the text, the texts of other modules, and whether
-    a run that was stopped is enough.
+    """Hold what `observer` was given: the variables, the version or a checksum of the text, the texts of other modules, and
+    whether a run that was stopped is enough.
     """
 
     variables: tuple[Field, ...]
@@ -159,7 +159,7 @@ def _declared(where: str, told: Any, needed: tuple[str, ...], more: tuple[str, .
 
 
 def _checksum(function: Any, caller: CodeType, *told: Any) -> str:
-    """What tells a function or a class from another: of all the text of its file, its line there, and what is `told` besides.
+    """Return the checksum of an observer: of the text of its file, of its line there, and of what is `told` besides.
 
     A decorator may stand in another file than the `caller`, which marks it. The text is taken when the file is imported: later
     on it may have changed.
@@ -329,7 +329,7 @@ class OwnObserver(Observer):
         return found(self.name) if self.base is None else self.base
 
     def check_here(self) -> None:
-        """See `Observer`; what a module calls is that of its latest import."""
+        """Refuse another version of the observer here: a module calls the functions of its latest import."""
         try:
             there = found(self.name)
         except ParameterError:
