@@ -164,7 +164,7 @@ class BorderMap(CubeMap):
         self.held = fixed_of(table)[0]
 
     def parameters_at(self, point: xr.Dataset) -> dict[str, float]:
-        """Return the page's description of a point, whose orbit is that of any start; see `CubeMap`."""
+        """Return the parameters of a point, which tells the orbit of any start; see `CubeMap`."""
         given = {name: point[name].item() for name in PARAMETERS if name in point}
         return {name: value for name, value in (self.held | given).items() if name not in START}
 
