@@ -205,28 +205,19 @@ def _(path: Path, scratch: Path) -> Values:
     return read_netcdf(scratch / "a.nc")
 
 
-@program("nccopy -k classic", NETCDF_BIN)
-def _(path: Path, scratch: Path) -> Values:
-    told("nccopy", "-k", "classic", path, scratch / "a.nc")
-    return read_netcdf(scratch / "a.nc")
+def copied(name: str, version: Callable[[], str], *command: str) -> None:
+    """Enter a program that copies a file: what the copy has is what it made of it."""
+
+    @program(name, version)
+    def _(path: Path, scratch: Path) -> Values:
+        told(*command, path, scratch / "a.nc")
+        return read_netcdf(scratch / "a.nc")
 
 
-@program("NCO: ncks", NCO)
-def _(path: Path, scratch: Path) -> Values:
-    told("ncks", "-O", path, scratch / "a.nc")
-    return read_netcdf(scratch / "a.nc")
-
-
-@program("NCO: ncks -3", NCO)
-def _(path: Path, scratch: Path) -> Values:
-    told("ncks", "-O", "-3", path, scratch / "a.nc")
-    return read_netcdf(scratch / "a.nc")
-
-
-@program("CDO", CDO)
-def _(path: Path, scratch: Path) -> Values:
-    told("cdo", "-s", "-O", "-f", "nc4", "copy", path, scratch / "a.nc")
-    return read_netcdf(scratch / "a.nc")
+copied("nccopy -k classic", NETCDF_BIN, "nccopy", "-k", "classic")
+copied("NCO: ncks", NCO, "ncks", "-O")
+copied("NCO: ncks -3", NCO, "ncks", "-O", "-3")
+copied("CDO", CDO, "cdo", "-s", "-O", "-f", "nc4", "copy")
 
 
 @program("GDAL: gdalmdiminfo", GDAL)

@@ -470,7 +470,8 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
         if not np.isinf(covariance[k, k])
     ]
     notes += [f"These give the data too: {_listed(one)}." for one in others]
-    notes += getattr(likelihood.measured.track, "notes", ())  # other turns that fit the track
+    if likelihood.measured.track is not None:
+        notes += likelihood.measured.track.notes  # such as other turns that fit it
     return Fit(
         values=values,
         covariance=covariance * np.outer(width, width),

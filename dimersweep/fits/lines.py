@@ -17,17 +17,12 @@ STEPS, SETTLED = 20, 1e-12  # of Gauss and Newton for the frequency, and the las
 FIRST_SAMPLES = 8  # samples whose numbers follow from the usual step alone, though some are missing
 FEW_MISSING = 2  # missing samples that are told from a clock a little slower, whose rounded times are the same
 TREND, TREND_PARTS = 4, 16  # periods between the knots of a trend, and means there: each is much shorter than a period
-CLEAR, BINS_BESIDE = (
-    6.0,
-    20,
-)  # height of a line over the median of so many bins on each side: noise has none in 1e11 bins
+# height of a line over the median of so many bins on each side: noise has none in 1e11 bins
+CLEAR, BINS_BESIDE = 6.0, 20
 NEAR_LINE = 3  # bins beside a line in which there is no other
 LINES, SMALL_LINE = 12, 1e-5  # further lines that are taken out, at most, and their least part of the first
-STEADY_LINE, NOISE_CHANGES, TOLD = (
-    0.1,
-    2.0,
-    0.003,
-)  # changes of a line that it may have; that are told: over noise, and of the line
+# changes of a line that it may have; that are told: over noise, and of the line
+STEADY_LINE, NOISE_CHANGES, TOLD = 0.1, 2.0, 0.003
 
 
 @dataclass(frozen=True, eq=False)

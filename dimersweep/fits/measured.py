@@ -24,7 +24,10 @@ SYMMETRIC = 1e-9  # how well a covariance must be, relative to its errors
 
 
 class Foretelling(Protocol):
-    """A `Track`: it says what an orbit would have been measured as."""
+    """A `Track`: it says what an orbit would have been measured as, and what is to be known of it."""
+
+    @property
+    def notes(self) -> tuple[str, ...]: ...
 
     def of(self, orbit: Any) -> np.ndarray: ...
 

@@ -69,11 +69,10 @@ def parameters_of(point: xr.Dataset) -> dict[str, float]:
 
 
 def _reduced(told: dict[str, float]) -> dict[str, float]:
-    """Parameters without those that follow from others, of which none may say another thing than these."""
+    """Return parameters without those that follow from others; raise `ParameterError` if one of these says another thing."""
     kept: dict[str, float] = reduced(told)
-    unlike = {
-        name for name in without_effect(kept) if len({kept[end] for end in ENDS[name]}) > 1
-    }  # it stands for nothing
+    # beside unlike ends the value of both stands for nothing
+    unlike = {name for name in without_effect(kept) if len({kept[end] for end in ENDS[name]}) > 1}
     for name, value in told.items():
         if name not in unlike and {value_of(each, kept) for each in ENDS.get(name, (name,))} != {value}:
             raise ParameterError(f"{name} = {value:g}: is not that of the run of this point; {AS_MADE}")
