@@ -31,11 +31,8 @@ label_of = partial(label, tex=False)
 def axes_of(cube: xr.Dataset) -> list[str]:
     """The parameters that a map of a cube may have along its sides: its axes, or what varies from point to point."""
     if not isinstance(cube, xr.Dataset) or "mode" not in cube:
-        known = (
-            f"a table along {', '.join(map(str, cube.sizes))}"
-            if isinstance(cube, xr.Dataset)
-            else f"{type(cube).__name__}"
-        )
+        table = f"a table along {', '.join(map(str, cube.sizes))}" if isinstance(cube, xr.Dataset) else ""
+        known = table or type(cube).__name__
         raise ParameterError(f"explore: {known} is no cube; give one of sweep, or of open_cube(path)")
     mode = cube["mode"]
     check_codes(mode)
@@ -151,9 +148,8 @@ class BorderMap(CubeMap):
         frame = table.dimersweep.to_dataframe().reset_index()
         varied = [name for name in PARAMETERS if name in frame and frame[name].nunique() > 1]
         self.axes = ["radius", parameter] if varied == [parameter] else sorted(varied, key=[parameter, *varied].index)
-        frame = frame[np.isfinite(frame[[parameter, *self.axes]]).all(axis=1)].reset_index(
-            drop=True
-        )  # no radius in a plane
+        known = np.isfinite(frame[[parameter, *self.axes]]).all(axis=1)  # there is no radius in a plane
+        frame = frame[known].reset_index(drop=True)
         stability = frame["stable"].map({True: "stable", False: "unstable"})
         words = frame.get("kind", stability if "kind" not in table.attrs else [table.attrs["kind"]] * len(frame))
         self.labels = sorted(set(words))

@@ -14,7 +14,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.fits import lines
 from dimersweep.inputs import as_numbers, check_labels, columns_of, number, read_toml
 from dimersweep.kernel.model.layout import HARMONICS, WAVES
-from dimersweep.parameters import Parameters
+from dimersweep.parameters import Parameters, check
 from dimersweep.plots.style import Look, board, ink
 from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
@@ -26,17 +26,13 @@ LEAST_PERIODS = 20  # of a record: fewer do not tell the harmonics from what lie
 PER_PERIOD = 2.5  # samples in a period of the highest harmonic, at least
 GAP_PERIODS = 0.5  # periods without a sample, from which the record has a gap
 SURE = 4.0  # errors above which a harmonic is kept
-DRIFT, NEAR_GIVEN = (
-    0.25,
-    0.02,
-)  # by which a frequency that is given may be off: cycles over the record; to look for its line
+# by which a frequency that is given may be off: cycles over the record; to look for its line
+DRIFT, NEAR_GIVEN = 0.25, 0.02
 LINE_SHARE = 0.1  # of the strongest line, from which one may be the shaker's
 MAINS, MAINS_OFF = (50.0, 60.0), 0.3  # Hz, and by how much they and the clock of a record are off
 GRAVITY_ALONG = 0.2  # of g, by which the mean of an axis along gravity may be off
-CUT_PEAKS, LEAST_CUT = (
-    2.0,
-    20,
-)  # samples at the end of a range if it is clipped: times as many as of a sine, and how many
+# samples at the end of a range if it is clipped: times as many as of a sine, and how many
+CUT_PEAKS, LEAST_CUT = 2.0, 20
 SLOW, REDDER = 3, 4.0  # slowest waves of a phase, that are so much greater than the fast ones if a clock wanders
 WALK = 8.0  # twice the 4.0 that a random walk of the phase has over their squares: three of them tell it to 40 % only
 SHOWN = 4  # other lines that are printed
@@ -138,11 +134,9 @@ class Waveform:
         >>> round(found.waves["x"][1][1], 3)
         0.3
         """
-        g = number("g", g)
+        g, given = number("g", g), None if f is None else number("f", f)
+        check({"g": g})
         t, a, names = _record(t, a, axes)
-        given = None if f is None else number("f", f)
-        if g <= 0:
-            raise ParameterError(f"g = {g}: must be > 0")
         begin, (t, pace) = float(t.mean()), lines.on_a_grid(t)
         t -= t.mean()
         notes = _seen(a, names, g)
