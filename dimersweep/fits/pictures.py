@@ -14,6 +14,8 @@ from dimersweep.symbols import PARAMETERS, symbol, units_shown
 DEVIATIONS = {2: "#c7dded", 1: "#9dc3de"}  # and how they are filled: opaque, for the parts of a valley overlap
 CORNERS = 181  # of a drawn ellipse
 OVERLAP = 12.0  # of the variance along a valley: a part of it comes to the next point
+BETWEEN = 8  # parts of the way to a neighbour in a valley: ellipses so close have a smooth edge together
+NEIGHBOURS = 2.5  # nearest distances within which points are neighbours: where parts of a valley meet it is two
 
 
 def draw_fit(
@@ -42,9 +44,9 @@ def draw_fit(
     """
     names, centre = list(values), np.array(list(values.values()))
     ends = np.array(list(ranges.values()))
-    parts = (centre[None], np.zeros(1), covariance[None], np.zeros_like(covariance[None]))
+    parts: tuple[np.ndarray, ...] = (centre[None], np.zeros(1), covariance[None], np.zeros_like(covariance[None]))
     if valley is not None:
-        parts = valley.values, valley.rises, valley.across, OVERLAP * valley.along
+        parts = _finer(valley.values, valley.rises, valley.across, OVERLAP * valley.along)
         beyond = max(DEVIATIONS) * np.sqrt(np.diagonal(valley.across + valley.along, axis1=1, axis2=2))
         reach = [(valley.values - beyond).min(axis=0), (valley.values + beyond).max(axis=0)]
         ends = np.clip(np.transpose(reach), *ends.T[:, :, None])
@@ -66,6 +68,19 @@ def draw_fit(
     shown = panels[-1, 0].get_legend_handles_labels()[0] if n >= own + 1 or not own else []
     place.legend("lower center", shown, fontsize="small", ncols=3)
     return place.done()
+
+
+def _finer(centres: np.ndarray, *others: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Return points of a valley, shape (p, n), and what belongs to them, with more in between neighbours."""
+    apart = np.linalg.norm((centres[:, None] - centres) / np.ptp(centres, axis=0), axis=2)
+    nearest = np.partition(apart, 1, axis=1)[:, 1]
+    a, b = np.nonzero(np.triu(apart <= NEIGHBOURS * np.maximum.outer(nearest, nearest), 1))
+    shares = np.linspace(0, 1, BETWEEN, endpoint=False)[1:]
+
+    def between(each: np.ndarray) -> np.ndarray:
+        return np.concatenate([each, *((1 - share) * each[a] + share * each[b] for share in shares)])
+
+    return tuple(map(between, (centres, *others)))
 
 
 def _regions(
