@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # From a fresh machine with Python 3.11 or later to a result in one command:
 #   ./go fig07 [options]   make fig07.nc and fig07.png
-#   ./go test              run every check and test
+#   ./go test              run the checks and tests that are asked of a change
 #   ./go docs              build the site: build/docs/index.html
+#   ./go release           run all checks and tests: all notebooks, the whole site, every target and both ways to compile
 #   ./go matrix [options]  try versions, ways to compile and places (--small: two minutes)
 # Each sets up a virtual environment first (.venv, or the folder that DIMERSWEEP_VENV names).
 set -euo pipefail
@@ -87,19 +88,26 @@ build_site() {
     echo "site: build/docs/index.html"
 }
 
+# its pages, links and docstrings, without running the cells
+check_site() {
+    rm -rf docs/generated
+    step "$@" python -m sphinx -W --keep-going --fresh-env --quiet -D nb_execution_mode=off \
+        -D suppress_warnings=myst-nb.lexer docs "$scratch/site"
+}
+
 run_tests() {
-    step pytest -q -n 3 --dist loadfile --no-loadscope-reorder --durations=25
+    step pytest -q -n 3 --dist loadfile --no-loadscope-reorder --durations=25 "$@"
 }
 
 # two processors: what needs one of them goes beside the rest; where tests wait, a third goes on
 run_checks() {
     make_scratch
-    local failed=0
+    local failed=0 site="$1"
     begin check_sources
     make_small_cubes with_extra "" # this leaves compiled kernels in the cache for all that follows
-    begin run_tests
-    begin build_site with_extra docs
-    for each in check_sources build_site run_tests; do
+    begin run_tests "${@:2}"
+    begin "$site" with_extra docs
+    for each in check_sources "$site" run_tests; do
         finish "$each" || failed=$?
     done
     return "$failed"
@@ -112,7 +120,12 @@ fig07)
     ;;
 test)
     set_up ".[dev]"
-    run_checks
+    run_checks check_site -m "not release"
+    echo "what is asked before a release was left out: ./go release"
+    ;;
+release)
+    set_up ".[dev]"
+    run_checks build_site
     ;;
 docs)
     set_up ".[docs]"
@@ -123,7 +136,7 @@ matrix)
     python benchmarks/evidence/matrix.py "${@:2}"
     ;;
 *)
-    sed -n '2,7s/^# //p' "$0" >&2
+    sed -n '2,8s/^# //p' "$0" >&2
     exit 2
     ;;
 esac

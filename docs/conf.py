@@ -84,6 +84,8 @@ def home_of(app, module, name):
 
 def add_thumbnails(app, doctree, docname):
     """Put before each link of a section "By question" the first picture of the section that it leads to."""
+    if app.config.nb_execution_mode == "off":
+        return  # nothing is drawn
     for section in doctree.findall(lambda node: isinstance(node, nodes.section) and "by-question" in node["ids"]):
         for link in section.findall(nodes.reference):
             link.insert(0, next(doctree.ids[link["refid"]].findall(nodes.image)).deepcopy())

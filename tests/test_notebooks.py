@@ -51,10 +51,14 @@ def test_a_notebook_asks_a_question_says_how_to_open_it_and_ends_with_exercises(
     assert last.source.startswith("## Exercises\n") and re.findall(r"^(\d)\. ", last.source, re.MULTILINE) == ["1", "2"]
 
 
+ALL = {"figures": 8, "which_walk": 7, "imperfect": 4, "orbits": 2, "observers": 2, "slow_time": 3}
+QUICK = "observers"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
-    [("figures", 8), ("which_walk", 7), ("imperfect", 4), ("orbits", 2), ("observers", 2), ("slow_time", 3)],
+    [pytest.param(*each, marks=[] if each[0] == QUICK else pytest.mark.release) for each in ALL.items()],
 )
 def test_a_notebook_gives_what_is_stored_in_it(name, least, maker):
     path = ROOT / "notebooks" / f"{name}.ipynb"

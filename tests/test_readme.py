@@ -61,6 +61,7 @@ def test_the_commands_on_sweeps_run_one_after_the_other(empty_folder, fake_kerne
 
 
 @pytest.mark.slow
+@pytest.mark.release
 def test_the_tutorial_runs_again_in_a_folder_that_has_all_of_its_files(tmp_path):
     """The site runs all of it once: here are the cells that name files, after the ones that set up and import."""
     tutorial = jupytext.read(ROOT / "docs" / "tutorial.md")

@@ -27,7 +27,7 @@ TARGETS = {  # and what their code may use beyond the instructions of all
     "sapphirerapids": AVX512 | {"avx512vbmi", "avx512_bf16", "avx512_vnni", "avx512_bitalg", "avx512_vpopcntdq"},
     "x86-64-v3": set(),
 }
-pytestmark = [pytest.mark.jit, pytest.mark.slow]
+pytestmark = [pytest.mark.jit, pytest.mark.slow, pytest.mark.release]
 
 
 def has(flags):

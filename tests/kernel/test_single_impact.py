@@ -297,10 +297,11 @@ def test_mirrored_impacts_have_mirrored_outcomes(seed):
 
 
 @pytest.mark.jit
-def test_ten_thousand_random_impacts_never_gain_energy():
+@pytest.mark.parametrize("impacts", [1000, pytest.param(10000, marks=pytest.mark.release)])
+def test_random_impacts_never_gain_energy(impacts):
     rng = np.random.default_rng(5)
     worst, cone = -np.inf, -np.inf
-    for k in range(10000):
+    for k in range(impacts):
         mu = rng.uniform(0, 1) * (k % 10 > 0)
         e_1, e_2 = rng.choice([0, 1, rng.uniform()]), rng.uniform()
         dm = dimer(A_r=rng.uniform(2, 9), mu=mu, mu_s=mu * rng.choice([1, 1.5]), e_1=e_1, e_2=e_2)

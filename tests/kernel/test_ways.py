@@ -41,6 +41,7 @@ def both(tmp_path_factory):
 
 @pytest.mark.jit
 @pytest.mark.slow
+@pytest.mark.release
 def test_fast_and_plain_answer_alike(both):
     (codes, states, _), (other_codes, other_states, _) = both.values()
     np.testing.assert_array_equal(other_codes, codes)
@@ -49,6 +50,7 @@ def test_fast_and_plain_answer_alike(both):
 
 @pytest.mark.jit
 @pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("way", [FAST, PLAIN])
 def test_a_second_start_is_quick_in_both_ways(both, tmp_path, way):
     *_, seconds = answers_of(way, tmp_path)
@@ -57,6 +59,7 @@ def test_a_second_start_is_quick_in_both_ways(both, tmp_path, way):
 
 @pytest.mark.jit
 @pytest.mark.slow
+@pytest.mark.release
 def test_the_plain_way_runs_about_as_fast(both):
     """In pairs on one core: other processes take the same from both."""
     times = np.array(paired_times(turns=15))
