@@ -1,10 +1,11 @@
 """The page with the moving dimer: what it is answered, and a session of it in a real browser."""
 
+import http.client
 import json
 import os
-import urllib.error
 import urllib.request
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from html import escape
 from socket import create_server
 from time import perf_counter
 
@@ -226,19 +227,57 @@ def fetched(address, host=None):
         return answer.read().decode()
 
 
+def answered(address, method, path, **headers):
+    """The status, the headers and the body of an answer, whatever they are; all that came after the headers is its body."""
+    connection = http.client.HTTPConnection(*address.split("/")[2].split(":"), timeout=60)
+    with closing(connection):
+        connection.request(method, path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, answer.headers, answer.read().decode()
+
+
 def test_the_server_answers_this_machine_alone():
     """And no page of another site, whose name was made to lead here: its browser tells that name."""
     with served() as address:
         assert json.loads(fetched(f"{address}run?f=0")) == {"error": "f = 0.0: must be > 0"}
-        assert "<canvas" in fetched(address, "localhost:80")
-        for path, host in (
-            ("", "evil.example"),
-            ("run?f=15", "evil.example:8470"),
-            ("map?shown=mode", None),
-            ("etc", None),
-        ):
-            with pytest.raises(urllib.error.HTTPError, match="404"):
-                fetched(address + path, host)
+        for host in ("localhost:80", "LocalHost", "127.0.0.1:9000", "[::1]:8470"):
+            assert "<canvas" in fetched(address, host), host
+        others = (
+            "evil.example",
+            "127.0.0.1.evil.example:8470",
+            "localhost.evil.example",
+            "myhost:8470",
+            "",
+            "[",
+            "\xe9" * 999,
+        )
+        for host in (*others, "<script>alert(1)</script>"):
+            for path in ("/", "/run?f=15", "/etc"):
+                code, _, told = answered(address, "GET", path, Host=host)
+                assert code == 403 and "<canvas" not in told and "<script" not in told, (host, path)
+                assert f'<a href="{address}">{address}</a>' in told
+                assert f"ssh -N -L {address.split(':')[-1][:-1]}:127.0.0.1:" in told
+                assert escape(host[:200]) in told
+
+
+def test_a_path_or_a_method_that_the_server_does_not_have_is_told():
+    with served() as address:
+        for path in ("/map?shown=mode", "/etc", "/run/", "/../run", "/favicon.ico", "/http://[", "/<b>"):
+            code, _, told = answered(address, "GET", path)
+            assert code == 404 and "no such page" in told and "<b>" not in told, path
+        for method in ("POST", "PUT", "PATCH", "DELETE", "OPTIONS", "TRACE"):
+            code, headers, told = answered(address, method, "/run")
+            assert (code, headers["Allow"], told) == (405, "GET, HEAD", f"{method}: must be GET or HEAD\n")
+
+
+def test_head_answers_as_get_does_without_the_page():
+    with served() as address:
+        for path in ("/", "/run?f=0", "/etc", "/run?periods=5"):
+            for host in ("127.0.0.1", "myhost"):
+                got, head = (answered(address, method, path, Host=host) for method in ("GET", "HEAD"))
+                assert head[0] == got[0] and head[2] == "", (path, host)
+                assert {**head[1], "Date": ""} == {**got[1], "Date": ""}
+                assert head[1]["Content-Length"] == str(len(got[2].encode()))
 
 
 def test_a_port_that_is_taken_is_told_and_the_usual_one_gives_way():

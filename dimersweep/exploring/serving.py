@@ -1,21 +1,26 @@
 """The page with the moving dimer, and the map of a cube beside it, for browsers on this machine."""
 
 import json
+import re
 import sys
 import threading
 from contextlib import suppress
 from functools import partial
+from html import escape
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl
 
 import xarray as xr
 
-from dimersweep.errors import StoreError, UserError
+from dimersweep.errors import StoreError, UserError, one_line
 from dimersweep.exploring.page import LivePage
 from dimersweep.plots.view import IFRAME
 
 HERE = "127.0.0.1"
+OWN_HOSTS = (HERE, "localhost", "[::1]")
+ELSEWHERE = Path(__file__).with_name("elsewhere.html")  # what a page says that is asked for by another name
 USUAL_PORT = 8470  # so that an address is good again the next time, if nothing else has the port
 
 
@@ -84,23 +89,37 @@ class _Answer(BaseHTTPRequestHandler):
     def log_message(self, *rest: Any) -> None: ...
 
     def do_GET(self) -> None:
-        asked = urlsplit(self.path)
+        path, _, query = self.path.partition("?")
         ways = {"/run": self.page.run} | ({"/map": self.page.map.part} if self.page.map else {})
+        host = self.headers.get("Host", "")
         # a page of another site, whose name was made to lead here, has its own name as the host
-        if self.headers.get("Host", "").partition(":")[0] not in (HERE, "localhost") or asked.path not in ("/", *ways):
-            self.send_error(404)
-            return
-        if asked.path == "/":
-            kind, content = "text/html", self.page.html()
+        if re.sub(r":\d*$", "", host).lower() not in OWN_HOSTS:
+            words = {"host": escape(one_line(host)), "port": self.connection.getsockname()[1]}
+            self._send(403, "text/html", ELSEWHERE.read_text(encoding="utf-8").format(**words))
+        elif path == "/":
+            self._send(200, "text/html", self.page.html())
+        elif path in ways:
+            self._send(200, "application/json", _as_json(ways[path], dict(parse_qsl(query))))
         else:
-            kind, content = "application/json", _as_json(ways[asked.path], dict(parse_qsl(asked.query)))
+            self._send(404, "text/html", f'<p>{escape(one_line(path))}: no such page; there is <a href="/">one</a>.')
+
+    do_HEAD = do_GET
+
+    def _refuse(self) -> None:
+        """Refuse another method, and close: what it sends is not read."""
+        self._send(405, "text/plain", f"{self.command}: must be GET or HEAD\n", Allow="GET, HEAD", Connection="close")
+
+    do_POST = do_PUT = do_PATCH = do_DELETE = do_OPTIONS = do_TRACE = do_CONNECT = _refuse
+
+    def _send(self, code: int, kind: str, content: str, **headers: str) -> None:
         body = content.encode()
-        self.send_response(200)
-        self.send_header("Content-Type", f"{kind}; charset=utf-8")
-        self.send_header("Content-Length", str(len(body)))
-        self.send_header("Cache-Control", "no-store")
+        self.send_response(code)
+        told = {"Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(body)), "Cache-Control": "no-store"}
+        for name, value in (told | headers).items():
+            self.send_header(name, value)
         self.end_headers()
-        self.wfile.write(body)
+        if self.command != "HEAD":
+            self.wfile.write(body)
 
 
 def _as_json(way: Any, asked: dict[str, str]) -> str:
