@@ -90,7 +90,15 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
     ParameterError
         Naming the first value that breaks a rule, and what is allowed.
     """
-    for rule, name, other in _rules_for(columns):
+    for line in broken(columns, gaps=gaps):
+        raise ParameterError(line)
+    for line in broken(columns, USUAL):
+        warnings.warn(line, RuntimeWarning, stacklevel=2)
+
+
+def broken(columns: Mapping[str, Any], rules: Iterable[Rule] = RULES, gaps: Collection[str] = ()) -> Iterator[str]:
+    """Yield a line for each of the rules that a value breaks; see `check`."""
+    for rule, name, other in _rules_for(columns, rules):
         if {name, other} <= set(gaps):
             continue
         given, unit = columns[name], columns[other] if other else 1.0
@@ -99,15 +107,12 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
         if np.all(kept):
             continue
         value, others = np.atleast_1d(given)[np.argmin(kept)], np.atleast_1d(unit)
+        if rules is USUAL:
+            yield f"{name} = {value:g}: {rule.allowed} is usual; is it in SI units?"
+            continue
         allowed = rule.allowed.format(other, float(others[np.argmin(rule.holds(value, others))]))
         degrees = f" ({np.rad2deg(value):.6g} deg)" if PARAMETERS[name].units == "rad" else ""
-        raise ParameterError(f"{name} = {float(value)}{degrees}: must be {allowed}")
-    for rule, name, _ in _rules_for(columns, USUAL):
-        if not np.all(kept := rule.holds(columns[name])):
-            odd = np.atleast_1d(columns[name])[np.argmin(kept)]
-            warnings.warn(
-                f"{name} = {odd:g}: {rule.allowed} is usual; is it in SI units?", RuntimeWarning, stacklevel=2
-            )
+        yield f"{name} = {float(value)}{degrees}: must be {allowed}"
 
 
 def _rules_for(columns: Collection[str], rules: Iterable[Rule] = RULES) -> Iterator[tuple[Rule, str, str]]:
@@ -227,6 +232,13 @@ def spelt_out(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) 
             if size < 0:
                 raise ParameterError(f"{name} = {size}: must be >= 0")
     return values
+
+
+def instead_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what may be given in place of parameters, from all of these: the inverse of `spelt_out`."""
+    omega = 2 * pi * values["f"]
+    v_z = values["Gamma"] * values["g"] / omega
+    return {"A_z": v_z / omega, "v_z": v_z, "l": (values["A_r"] - 1) * (values["r_1"] + values["r_2"])}
 
 
 def _spelt_harmonics(given: Any, beside: Collection[str]) -> dict[str, Any]:

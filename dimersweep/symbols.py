@@ -112,6 +112,7 @@ INSTEAD = {
     "A_z": ("Gamma", Quantity("m", "amplitude of the plate, in place of Gamma")),
     "v_z": ("Gamma", Quantity("m s-1", "greatest velocity of the plate, in place of Gamma")),
 }
+GIVEN = PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}
 STAND_INS = (*INSTEAD, "harmonics")  # all that is given in place of parameters
 # what the parameters that may be left out are then: the value of another parameter, or a number
 LEFT_OUT: dict[str, str | float] = {
@@ -164,8 +165,8 @@ def units_shown(units: str) -> str:
 
 
 def units_of(name: str) -> str:
-    """Unit that values of a parameter are shown in: degrees for an angle, empty if it has none."""
-    return "°" if is_angle(name) else units_shown(PARAMETERS[name].units)
+    """Unit that values of what is given are shown in: degrees for an angle, empty if it has none."""
+    return "°" if is_angle(name) else "mm" if name in ("A_z", "l") else units_shown(GIVEN[name].units)
 
 
 def is_angle(name: str) -> bool:

@@ -3,6 +3,7 @@
 import http.client
 import json
 import os
+import re
 import urllib.request
 from contextlib import closing, contextmanager
 from html import escape
@@ -18,9 +19,9 @@ from dimersweep.errors import ParameterError, StoreError
 from dimersweep.exploring.mapping import MOST_CELLS, CubeMap
 from dimersweep.exploring.page import LivePage
 from dimersweep.exploring.serving import USUAL_PORT, Explorer
-from dimersweep.parameters import Parameters
+from dimersweep.parameters import Parameters, completed
 from dimersweep.plots.style import MODE_COLORS
-from dimersweep.symbols import MODE_MEANINGS, stated
+from dimersweep.symbols import MODE_MEANINGS, is_angle, stated
 from tests.browser import chromium_page, colors_of, needs_chromium
 
 pytestmark = pytest.mark.jit
@@ -68,6 +69,81 @@ def test_a_run_is_told_as_it_is_drawn():
     np.testing.assert_allclose(told["track"][-1], 1e3 * run.states(run.duration)[["x", "y"]].to_array(), atol=1e-2)
 
 
+@pytest.mark.parametrize(
+    ("asked", "given"),
+    [
+        ({"f": "900 rpm", "r": "4 mm", "D_r": "3000um", "Gamma": "90 %"}, {"f": 15, "r": 4e-3, "D_r": 3e-3}),
+        ({"f": "0.022kHz", "xdot0": "50 cm/s", "gap0": "0.1 mm"}, {"f": 22, "xdot0": 0.5, "gap0": 1e-4}),
+        ({"beta0": "0.3 rad", "phi0": "−90"}, {"beta0": 0.3, "phi0": "-90 deg"}),
+        ({"beta0": "20", "tilt": "0.02rad", "theta0": "1e-1"}, {"beta0": "20 deg", "tilt": 0.02, "theta0": "0.1 deg"}),
+        ({"beta0": "18°", "gammadot0": "600 rpm"}, {"beta0": "18 deg", "gammadot0": 20 * np.pi}),
+        ({"A_z": "500um"}, {"A_z": 5e-4}),
+        ({"A_z": "0.5"}, {"A_z": 5e-4}),  # the field is in mm
+        ({"v_z": "80 mm/s", "l": "6 cm"}, {"v_z": 0.08, "l": 0.06}),
+        ({"l": "60", "g": "1 gn", "rho_b": "7.8 g/cm^3"}, {"l": 0.06, "g": 9.80665, "rho_b": 7800}),
+        ({"Gamma_2": "0.2", "phi_2": "45", "Gamma_x_3": "0.1"}, {"Gamma_2": 0.2, "phi_2": "45 deg", "Gamma_x_3": 0.1}),
+    ],
+)
+def test_a_field_takes_a_unit_and_a_bare_number_has_that_of_the_field(asked, given):
+    told = LivePage().run(asked | {"periods": "5"})
+    known = completed(Parameters(**given).given())
+    assert {name: float(text) for name, text in told["place"].items() if name in known} == pytest.approx(
+        {name: value / DEG if is_angle(name) else value for name, value in known.items()}, rel=1e-11
+    )
+    amplitude = known["Gamma"] * known["g"] / (2 * np.pi * known["f"]) ** 2
+    others = {
+        "A_z": 1e3 * amplitude,
+        "v_z": amplitude * 2 * np.pi * known["f"],
+        "l": 1e4 * known["r"] * (known["A_r"] - 1) / 5,
+    }
+    assert {name: float(told["place"][name]) for name in others} == pytest.approx(others, rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("asked", "wrong"),
+    [
+        ({"f": "15 m"}, ["f = '15 m': the unit must be Hz, rpm or the like"]),
+        ({"r": "4 kg", "beta0": "5 mm"}, ["r = '4 kg': the unit must", "beta0 = '5 mm': the unit must"]),
+        (
+            {"Gamma": "0,9", "e": "half"},
+            ["Gamma = '0,9': has a decimal comma; give 0.9", "e = 'half': must be a number"],
+        ),
+        (
+            {"e": "2", "mu": "0.5", "D_r": "2 cm"},
+            ["e = 2.0: must be in", "mu_s = 0.4: must be >= mu", "D_r = 0.02: must"],
+        ),
+        ({"mu": "x", "mu_s": "0.1"}, ["mu = 'x': must be a number"]),  # beside which mu_s is not judged
+        ({"e": "-1", "l": "1 mm"}, ["e = -1.0: must be in", "l = 0.001: must be >= r_1 + r_2"]),
+        ({"A_z": "1", "Gamma": "2", "f": "0"}, ["f = 0.0: must be > 0", "A_z: given together with Gamma"]),
+        ({"A_z": "-1"}, ["A_z = -0.001: must be >= 0"]),
+        ({"e": "0.5", "e_1": "0.5", "e_2": "0.5"}, ["e: has no effect beside e_1 and e_2"]),
+        (
+            {"periods": "2.5", "rtol": "1", "stretch": "0"},
+            ["stretch = 0: must", "periods = '2.5': must", "rtol = 1.0: must"],
+        ),
+        (
+            {"xdot0": "nan", "gap0": "inf", "g": "1e999"},
+            ["xdot0 = nan: must be f", "gap0 = inf: must", "g = inf: must"],
+        ),
+        ({"gamma": "1"}, ["gamma: unknown parameter; did you mean Gamma?"]),
+        ({"harmonics": "plate.toml"}, ["harmonics: are for single runs"]),
+        ({"shown": "middle", "f": "0"}, ["shown = middle: must be one of start, end", "f = 0.0: must be > 0"]),
+        ({"at": "0,1"}, ["at = 0,1: is a point of a map, and this page has none"]),
+    ],
+)
+def test_each_field_at_fault_is_named_in_a_line(asked, wrong):
+    with pytest.raises(ParameterError) as told:
+        LivePage().run(asked)
+    lines = str(told.value).split("\n")
+    assert [line[: len(start)] for line, start in zip(lines, wrong, strict=True)] == wrong
+
+
+def test_a_size_that_is_not_usual_is_told():
+    with pytest.warns(RuntimeWarning, match=r"r = 4: at most 0.1 m is usual"):
+        told = LivePage().run({"r": "4", "D_r": "1", "periods": "2"})
+    assert told["unusual"] == ["r = 4: at most 0.1 m is usual; is it in SI units?"]
+
+
 def test_of_a_long_stretch_as_many_frames_are_told_as_a_page_takes():
     told = LivePage().run({"stretch": "40", "periods": "50", "Gamma": "2.5"})
     assert len(told["balls"]) == 2000 and told["cycles"][0] == 10
@@ -85,7 +161,7 @@ def same(one, other):
 
 
 def test_what_is_copied_makes_the_run_again(call, empty_folder):
-    asked = {"Gamma": "1.1", "beta0": "20.5 deg", "e_1": "0.5", "tilt": "0.03", "xdot0": "-0.5"}
+    asked = {"Gamma": "1.1", "beta0": "20.5 deg", "e_1": "0.5", "tilt": "0.03 rad", "xdot0": "-0.5"}
     copied = LivePage().run(asked)["copy"]
     run = dimersweep.simulate(
         Gamma=1.1, beta0="20.5 deg", e_1=0.5, tilt=0.03, xdot0=-0.5, periods=200, stop_when_settled=True
@@ -377,11 +453,177 @@ def test_a_dimer_is_played_with():
         page.get_by_text("all other parameters").click()
         drawn(page, lambda: page.locator("#of-tilt").fill("2"))
         assert page.locator(".pictures").bounding_box()["height"] < 860  # however long the list beside them is
-        assert "tilt=2+deg" in page.url
+        assert page.url.endswith("#A_z=0.5&f=30&tilt=2")
         drawn(page, lambda: page.get_by_text("base case").click())
         assert page.url.endswith("#") and told(page) == "drift"
         drawn(page, lambda: page.locator("#shown").select_option("start"))
         assert page.evaluate("views[0].data.cycles[0]") == 0
+
+
+def faults(page):
+    """The lines that stand at fields, by the names of these."""
+    marked = page.locator("[aria-invalid=true]")
+    names = [each.get_attribute("id").removeprefix("of-") for each in marked.all()]
+    assert all(page.locator(f"#of-{name}, #{name}").is_visible() for name in names)
+    return {name: page.locator(f"#fault-of-{name}").inner_text() for name in names}
+
+
+@needs_chromium
+def test_each_field_at_fault_is_marked_and_the_others_stay():
+    with opened() as page:
+        before = page.locator(".numbers").inner_text()
+        page.locator("#of-e").fill("half")
+        page.locator("#of-f").fill("15 m")
+        page.locator("#of-mu_h").evaluate(
+            "(field) => { field.value = '0.1'; field.dispatchEvent(new Event('input')); }"
+        )
+        page.locator("#fault-of-mu_h").get_by_text("mu_h").wait_for()  # and what was folded is unfolded
+        assert faults(page) == {
+            "e": "e = 'half': must be a number",
+            "f": "f = '15 m': the unit must be Hz, rpm or the like",
+            "mu_h": "mu_h = 0.1: must be >= mu = 0.2 (stick friction is never below slip friction)",
+        }
+        described = page.locator("#of-e").get_attribute("aria-describedby")
+        assert page.locator(f"#{described}").inner_text() == "e = 'half': must be a number"
+        assert [page.locator(f"#of-{name}").input_value() for name in ("e", "f", "mu", "Gamma")] == [
+            "half",
+            "15 m",
+            "0.2",
+            "0.9",
+        ]
+        assert page.locator(".numbers").inner_text() == before and page.locator("#error").inner_text() == ""
+        picture(page, "faults")
+        page.locator("#of-f").fill("900 rpm")
+        page.locator("#fault-of-f").wait_for(state="hidden")
+        assert set(faults(page)) == {"e", "mu_h"}
+        page.locator("#of-mu_h").fill("")
+        drawn(page, lambda: page.locator("#of-e").fill("60 %"))
+        assert faults(page) == {} and page.locator(".numbers").inner_text() == before
+        assert page.locator("#slide-f").input_value() == "15" and page.locator("#slide-e").input_value() == "0.6"
+        page.locator("#stretch").fill("0")
+        page.get_by_text("stretch = 0: must be a whole number >= 1").wait_for()
+        assert set(faults(page)) == {"stretch"}
+
+
+@needs_chromium
+def test_an_emptied_field_says_its_default_and_has_it():
+    """Sliders go along, and the fields in whose place another one is given."""
+    with opened() as page:
+        field, slider = page.locator("#of-Gamma"), page.locator("#slide-Gamma")
+        drawn(page, lambda: field.fill("1.2"))
+        drawn(page, lambda: field.fill(""))
+        assert (
+            field.get_attribute("placeholder") == "0.9"
+            and slider.input_value() == "0.9"
+            and "0.9" in told(page, "conditions")
+        )
+        drawn(page, lambda: page.locator("#of-A_z").fill("1.5 mm"))
+        assert (
+            float(field.input_value()) == pytest.approx(1.5e-3 * (30 * np.pi) ** 2 / 9.81)
+            and slider.input_value() == "1.36"
+        )
+        drawn(page, lambda: page.locator("#of-A_z").fill(""))
+        assert field.input_value() == "0.9" and page.locator("#of-A_z").get_attribute("placeholder") == "0.993960811531"
+        page.get_by_text("all other parameters").click()
+        drawn(page, lambda: page.locator("#of-l").fill("6 cm"))
+        assert page.locator("#of-A_r").input_value() == "7" == page.locator("#slide-A_r").input_value()
+        drawn(page, lambda: page.locator("#of-v_z").fill("0.1 m/s"))
+        assert float(page.locator("#of-A_z").input_value()) == pytest.approx(0.1 / (30 * np.pi) * 1e3)
+        fields = page.locator(".dial input[id^=of-]")
+        shown = dict(fields.evaluate_all("(all) => all.map(({ id, placeholder }) => [id, placeholder])"))
+        assert shown["of-mu_1"] == "= μ" and all(shown.values())
+
+
+WORDS = """() => [document.body.innerText, ...texts, ...[...document.querySelectorAll("*")].flatMap((each) =>
+  [each.value, each.placeholder, each.title, each.ariaLabel, each.href].filter((word) => typeof word === "string"))]"""
+STATES = [
+    "r=4+mm",
+    "Gamma=0",
+    "xdot0=0",
+    "Gamma=2.5&periods=1",
+    "mu=0&mu_s=0",
+    "e=0",
+    "e=1&Gamma=0&periods=3",
+    "gap0=100",
+    "D_r=0",
+    "A_z=0",
+    "v_z=0+m/s",
+    "l=10",
+    "f=0.001",
+    "f=1e9&Gamma=2&periods=2",
+    "Gamma=1e9&periods=2",
+    "e=NaN&f=Infinity",
+    "Gamma=null",
+    "A_z=undefined",
+    "f=abc",
+    "periods=",
+    "rtol=x&stretch=x",
+    "A_z=&f=",
+    "shown=null",
+    "%zz",
+    "%",
+    "e=%ff",
+    "|",
+    "at=1",
+]
+
+
+@pytest.mark.filterwarnings("ignore:.* is usual")
+@needs_chromium
+def test_no_state_shows_a_number_that_is_none():
+    with served() as address, chromium_page(offline=False) as (page, errors):
+        page.add_init_script(
+            "window.texts = []; const pens = CanvasRenderingContext2D.prototype, write = pens.fillText;"
+            "pens.fillText = function (text, ...at) { texts.push(String(text)); write.call(this, text, ...at); };"
+        )
+        page.goto(address)
+        page.wait_for_function("document.body.dataset.drawn >= 1", timeout=90_000)
+        for state in STATES:
+            with page.expect_response("**/run?*") as answer:
+                page.evaluate("(state) => { texts.length = 0; location.hash = state; }", state)
+            answer.value.finished()
+            page.evaluate("async () => { for (let n = 0; n < 3; n++) await new Promise(requestAnimationFrame); }")
+            given = re.sub(r"[^\w]|_", " ", state)
+            for words in page.evaluate(WORDS):
+                said = re.findall(r"\b(?:NaN|[Ii]nfinity|undefined|null|inf|nan)\b", words)
+                assert all(word in given for word in said) or "must be" in words, (state, words)
+        assert errors == []
+
+
+@needs_chromium
+def test_links_are_links_and_the_way_back_is_kept(cube):
+    with opened(cube) as page:
+        drawn(page, lambda: page.locator("#of-f").fill("900 rpm"))
+        drawn(page, lambda: page.locator("#of-e").fill("0.5"))
+        page.locator("#of-mu").press("End")
+        drawn(page, lambda: page.locator("#of-mu").press_sequentially("05"))  # two states in one step
+        page.locator("#of-mu").blur()
+        page.get_by_label("shown", exact=True).select_option("radius")
+        page.get_by_label("f [Hz]").fill("1")
+        page.locator("#key").get_by_text("radius [m]").wait_for()
+        link = page.locator("a", has_text="copy link").get_attribute("href")
+        assert link == page.url and "f=900+rpm&e=0.5&mu=0.205" in link
+        page.locator("#of-f").blur()
+        other = page.context.new_page()  # as another tab
+        other.goto(link)
+        other.wait_for_function("document.body.dataset.drawn >= 1")
+        other.locator("#key").get_by_text("radius [m]").wait_for()
+        assert (told(other), other.locator("#of-f").input_value(), other.url) == (told(page), "900 rpm", link)
+        assert other.locator("#choices").inner_text() == page.locator("#choices").inner_text()
+        assert other.get_by_label("f [Hz]").input_value() == "1"
+        with page.context.expect_page() as base:
+            page.locator("a", has_text="base case").click(modifiers=["Control"])
+        base.value.wait_for_function("document.body.dataset.drawn >= 1")
+        assert base.value.locator("#of-e").input_value() == "0.6" and page.locator("#of-e").input_value() == "0.5"
+        page.go_back()  # the slice of the map
+        drawn(page, page.go_back)  # what it shows
+        assert page.get_by_label("shown", exact=True).input_value() == "mode"
+        for way, e, mu in ((page.go_back, "0.5", "0.2"), (page.go_back, "0.6", "0.2"), (page.go_forward, "0.5", "0.2")):
+            drawn(page, way)
+            assert (page.locator("#of-e").input_value(), page.locator("#of-mu").input_value()) == (e, mu)
+        page.reload()
+        page.wait_for_function("document.body.dataset.drawn >= 1")
+        assert page.locator("#of-e").input_value() == "0.5"
 
 
 @needs_chromium

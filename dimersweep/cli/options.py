@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from dimersweep.kernel.model.layout import WAVES
-from dimersweep.symbols import BASE, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, START, value_shown
+from dimersweep.symbols import BASE, GIVEN, HIGHER, INSTEAD, LEFT_OUT, START, value_shown
 
 OUTPUT, RUN = "Output", "Run"  # groups of options, beside those of `_group_of`
 
@@ -79,8 +79,7 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
     """Give `command` an option for each parameter of the model, spelt as in the paper, in place of its keywords."""
     signature = inspect.signature(command)
     options = [parameter for parameter in signature.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
-    taken = PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}
-    for name, quantity in taken.items():  # their texts are checked with all else, where units are known
+    for name, quantity in GIVEN.items():  # their texts are checked with all else, where units are known
         either = quantity.units + {"rad": ", or 16deg", "m": ", or 2mm"}.get(quantity.units, "")
         units = "" if quantity.units == "1" else f" ({either})"
         meaning = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")

@@ -78,11 +78,11 @@ class CubeMap:
 
     def part(self, asked: dict[str, str]) -> dict[str, Any]:
         """The cells of the part at places along `fixed` axes: where they lie, their colours, and what is said of each."""
-        shown = _one_of("shown", asked.get("shown", "mode"), self.shown)
+        shown = one_of("shown", asked.get("shown", "mode"), self.shown)
         fixed = {name: _place(name, asked.get(name, "0"), self.mode.sizes[name]) for name in self.fixed}
         x, y = self.axes[-1], self.axes[-2] if len(self.axes) > 1 else ""
         if self.points and y:
-            x, y = (_one_of(way, asked.get(way, name), self.axes) for way, name in (("right", x), ("up", y)))
+            x, y = (one_of(way, asked.get(way, name), self.axes) for way, name in (("right", x), ("up", y)))
         dims = ["point"] if self.points else [name for name in (y, x) if name]
         part = self.cube.isel(fixed).transpose(*dims, ...)
         values, modes = part[shown].values.ravel(), names(part["mode"]).values.ravel().tolist()
@@ -177,7 +177,7 @@ def map_of(data: xr.Dataset) -> CubeMap:
     return BorderMap(data) if isinstance(data, xr.Dataset) and "slow_multiplier" in data else CubeMap(data)
 
 
-def _one_of(name: str, word: str, words: list[str]) -> str:
+def one_of(name: str, word: str, words: list[str]) -> str:
     if word not in words:
         raise ParameterError(f"{name} = {word}: must be one of {', '.join(words)}")
     return word

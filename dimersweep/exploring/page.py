@@ -1,18 +1,17 @@
 """The page with the moving dimer: what it is built of, and what it is answered when it asks for a run or a part of the map."""
 
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from dimersweep.errors import ParameterError
-from dimersweep.exploring.mapping import map_of
-from dimersweep.inputs import check_count
-from dimersweep.parameters import check_name, completed
+from dimersweep.exploring.mapping import map_of, one_of
+from dimersweep.inputs import as_number, check_count, check_rtol, size_and_unit
+from dimersweep.parameters import USUAL, broken, check_effect, check_name, completed, instead_of, spelt_out, updated
 from dimersweep.plots.view import USUAL_SPEED, as_shown, filled, seen, stretch_of
 from dimersweep.runs.simulating import simulate
-from dimersweep.symbols import BASE, HIGHER, LEFT_OUT, PARAMETERS, symbol, units_of
+from dimersweep.symbols import BASE, GIVEN, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, symbol, units_of
 
 SECONDS = 10.0  # at most, of a run that a page waits for
 SETTINGS_SHOWN = {
@@ -22,6 +21,7 @@ SETTINGS_SHOWN = {
 SHOWN_STRETCH = {"shown": "end", "stretch": "6"}  # what a page shows of a run, and so many forcing periods of it
 SLIDERS = {  # least and greatest value and step, in the unit that is shown
     "Gamma": (0, 3, 0.01),
+    "A_z": (0, 4, 0.01),
     "f": (5, 60, 0.1),
     "e": (0, 1, 0.01),
     "mu": (0, 1, 0.01),
@@ -34,12 +34,12 @@ CONTROLS = Path(__file__).with_name("explore.html")
 
 
 def _field(name: str) -> dict[str, Any]:
-    """What a page needs for the field of a parameter."""
+    """What a page needs for the field of a parameter, or of what is given in its place."""
     value = BASE.get(name, LEFT_OUT.get(name, ""))
-    base = value if isinstance(value, str) else as_shown(name, value)
-    told = {"name": name, "label": symbol(name), "unit": units_of(name), "says": PARAMETERS[name].long_name}
-    shown = {"range": SLIDERS.get(name), "higher": name in HIGHER}
-    return told | {"base": base if name in BASE else "", "usual": base} | shown
+    usual = as_shown(name, value) if isinstance(value, float) else value and f"= {symbol(value)}"
+    told = {"name": name, "label": symbol(name), "unit": units_of(name), "says": GIVEN[name].long_name}
+    shown = {"group": INSTEAD.get(name, (name,))[0], "range": SLIDERS.get(name), "higher": name in HIGHER}
+    return told | {"base": usual if name in BASE else "", "usual": usual} | shown
 
 
 class LivePage:
@@ -54,7 +54,7 @@ class LivePage:
             {"name": name, "label": name, "unit": "", "says": says, "base": f"{usual:g}", "usual": f"{usual:g}"}
             for name, (usual, says) in SETTINGS_SHOWN.items()
         ]
-        fields = [_field(name) for name in dict.fromkeys((*SLIDERS, *PARAMETERS))]
+        fields = [_field(name) for name in dict.fromkeys((*SLIDERS, *INSTEAD, *PARAMETERS))]
         told = {
             "fields": [*fields, *settings],
             "stretch": SHOWN_STRETCH,
@@ -64,32 +64,62 @@ class LivePage:
         return filled(told, "dimersweep explore", CONTROLS.read_text(encoding="utf-8"))
 
     def run(self, asked: dict[str, str]) -> dict[str, Any]:
-        """What a page draws of a run, see `seen`: of parameters and settings, or `at` a point of the cube in their place."""
-        how: dict[str, Any] = SHOWN_STRETCH | asked
-        shown, stretch = how.pop("shown"), check_count("stretch", _number(how.pop("stretch")))
-        if shown not in ("start", "end"):
-            raise ParameterError(f"shown = {shown}: must be start or end")
-        at = how.pop("at", "")
-        if at and self.map is not None:
+        """Return what a page draws of a run, see `seen`: of what its fields say, or `at` a point of the cube in their place.
+
+        Raise a ParameterError with a line for each field at fault.
+        """
+        fields = SHOWN_STRETCH | asked
+        at = fields.pop("at", "")
+        if at and self.map is None:
+            raise ParameterError(f"at = {at}: is a point of a map, and this page has none")
+        given = _read({name: text for name, text in fields.items() if name in SHOWN_STRETCH or not at})
+        shown, stretch = (given.pop(name) for name in SHOWN_STRETCH)
+        if self.map is not None and at:
             run, settings = self.map.run(at)
         else:
-            settings = {name: _number(how.pop(name, str(usual))) for name, (usual, _) in SETTINGS_SHOWN.items()}
+            settings = {name: given.pop(name, usual) for name, (usual, _) in SETTINGS_SHOWN.items()}
             settings["stop_when_settled"] = True
-            for name in how:
-                check_name(name)
-            run = simulate(**how, **settings, max_seconds=SECONDS)
+            run = simulate(**given, **settings, max_seconds=SECONDS)
         told = seen(run, stretch_of(run, stretch, last=shown == "end"), settings)
-        held = {name: f"{settings[name]:g}" for name in SETTINGS_SHOWN}
+        known = completed(run.parameters)
         return told | {
             "at": at,
-            "settings": held,
-            "place": {name: as_shown(name, value) for name, value in completed(run.parameters).items()},
+            "settings": {name: f"{settings[name]:g}" for name in SETTINGS_SHOWN},
+            "place": {name: as_shown(name, value) for name, value in (known | instead_of(known)).items()},
+            "unusual": [*broken(run.parameters, USUAL)],
         }
 
 
-def _number(text: str) -> Any:
-    """A text as the number that it is, else as it is, which will be refused."""
-    for kind in (int, float):
-        with suppress(ValueError):
-            return kind(text)
-    return text
+def _read(fields: dict[str, str]) -> dict[str, Any]:
+    """The values that fields say, checked one by one and together."""
+    values, wrong = {}, []
+    for name, text in fields.items():
+        try:
+            values[name] = _value(name, text)
+        except ParameterError as error:
+            wrong.append(str(error))
+    given = {name: value for name, value in values.items() if name in GIVEN}
+    known = {name: value for name, value in BASE.items() if name not in fields}
+    wrong += broken(updated(known, {name: value for name, value in given.items() if name in PARAMETERS}))
+    try:
+        check_effect(given)
+        spelt_out(given, known)
+    except ParameterError as error:
+        wrong.append(str(error))
+    if wrong:
+        raise ParameterError("\n".join(dict.fromkeys(wrong)))
+    return values
+
+
+def _value(name: str, text: str) -> Any:
+    """The value that a field says; a number without a unit has that of the field."""
+    if name == "shown":
+        return one_of(name, text, ["start", "end"])
+    if name == "rtol":
+        return check_rtol(text)
+    size, unit = size_and_unit(text)
+    if name in ("periods", "stretch"):
+        return check_count(name, int(size) if size is not None and size.is_integer() and not unit else text)
+    if name not in INSTEAD:
+        check_name(name)
+    return as_number(name, text if unit or size is None else f"{text} {units_of(name)}", GIVEN[name].units)

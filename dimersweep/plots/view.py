@@ -16,7 +16,7 @@ from dimersweep.parameters import reduced
 from dimersweep.plots.playback import BALLS, MARKS, MOST_FRAMES, ROD, Playback, frames, playback_of
 from dimersweep.plots.style import MODE_COLORS
 from dimersweep.plots.tables import repeats_in, run_rows
-from dimersweep.symbols import BASE, LEFT_OUT, START, is_angle
+from dimersweep.symbols import BASE, LEFT_OUT, START, is_angle, units_of
 
 FRAMES_A_PERIOD = 100  # at most: curves are drawn through them
 TRACK_POINTS = 400  # of a whole run
@@ -39,8 +39,8 @@ class View:
 def stretch_of(run: SeenRun, periods: int, *, last: bool) -> Playback:
     """The stretch of a run that a page shows, in as many frames as its curves need."""
     check_shown(run, "view")
-    pace = min(FRAMES_A_PERIOD, MOST_FRAMES // check_count("periods", periods)) * run.parameters["f"]
-    return playback_of(run, periods, 1.0, max(1, int(pace)), last=last)
+    fps = max(1, min(FRAMES_A_PERIOD, MOST_FRAMES // check_count("periods", periods)))
+    return playback_of(run, periods, 1 / run.parameters["f"], fps, last=last)  # a period in a second
 
 
 def seen(run: SeenRun, playback: Playback, settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
@@ -81,7 +81,7 @@ def changed(run: SeenRun) -> dict[str, float]:
 
 def as_shown(name: str, value: float) -> str:
     """A value of a parameter in the unit that it is shown in, without that."""
-    return f"{degrees(value) if is_angle(name) else value:.12g}"
+    return f"{degrees(value) if is_angle(name) else 1e3 * value if units_of(name) == 'mm' else value:.12g}"
 
 
 def written(run: SeenRun, settings: Mapping[str, Any]) -> dict[str, str]:
