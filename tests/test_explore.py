@@ -4,6 +4,9 @@ import http.client
 import json
 import os
 import re
+import shlex
+import subprocess
+import sys
 import urllib.request
 from contextlib import closing, contextmanager
 from html import escape
@@ -160,6 +163,70 @@ def same(one, other):
     assert (Parameters(**one.parameters).row() == Parameters(**other.parameters).row()).all()
 
 
+def made_by(code):
+    """The run that a copied text makes, in a process that has no name before."""
+    known = {}
+    exec(code, known)
+    return known["run"]
+
+
+def seen_in(output):
+    """The mode, and the numbers with their units, that a copied text has printed."""
+    mode = re.search(r"<Run: \w+, (\w+)", output)[1]
+    counts = {name: re.search(rf"(\d+) {name}", output)[1] for name in ("periods", "events")}
+    orbit = re.search(r"<Orbit: (.*), di_end", output)
+    named = (each.partition(" ")[::2] for each in (orbit[1].split(", ") if orbit else ()))
+    return mode, counts | {name.replace("_", " "): text for name, text in named if name != "spin"}
+
+
+COPIED = [
+    {},
+    {"f": "900 rpm", "r": "4 mm", "A_r": "5.75", "e": "63 %"},
+    {"beta0": "0.3 rad", "xdot0": "-50 cm/s", "phi0": "33.3"},
+    {"Gamma_2": "0.2", "phi_2": "45", "Gamma_3": "0.1", "phi_x_2": "1 rad", "Gamma_x_2": "0.01"},
+    {"A_z": "1.03", "f": "15.3"},
+    {"v_z": "95 mm/s", "mu_s": "0.5"},
+    {"l": "5.5 cm", "D_r": "3000 um"},
+    {"e_1": "0.5", "e_2": "0.62", "r_1": "5.1 mm", "mu_2": "0.21", "rho_b_1": "7.8 g/cm^3"},
+    {"tilt": "0.5", "azimuth": "90", "gap0": "0.1 mm"},
+    {"Gamma": "2.5", "periods": "30", "rtol": "1e-10"},
+]
+
+
+def test_what_is_copied_runs_as_it_stands_and_gives_the_numbers_of_the_page(call, cube):
+    """All in a fresh process, one after the other; and as the commands are typed."""
+    pages = [LivePage().run(asked) for asked in COPIED] + [LivePage(cube).run({"at": "1,1,2"})]
+    apart = "print('=' * 9)\n"
+    done = subprocess.run(
+        [sys.executable, "-"],
+        input=apart.join(told["copy"]["Python"] for told in pages),
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    assert done.stderr == ""
+    for told, printed in zip(pages, done.stdout.split("=" * 9 + "\n"), strict=True):
+        mode, numbers = seen_in(printed)
+        shown = dict(told["numbers"])
+        assert mode == told["mode"].split(",")[0]
+        assert numbers == {"periods": shown["periods"].split()[0]} | {
+            name: text.replace("none: straight", "none").strip()
+            for name, text in shown.items()
+            if name in numbers and name != "periods"
+        }
+        assert mode != "drift" or {"radius", "period", "zeta", "speed", "impact phase"} < {*numbers}
+        out, _, code = call(*shlex.split(told["copy"]["command"])[1:], "--json")
+        found = json.loads(out)
+        assert (code, found["mode"], str(found["n_events"])) == (0, mode, shown["events"])
+        words = {
+            name for name in (found["track"], *([found["orbit"]["di_end"]] if found["orbit"] else [])) if name != "none"
+        }
+        assert words < {*shown}
+        for name in ("radius", "path_radius", "zeta", "speed") if found["orbit"] else ():
+            value = found["orbit"][name]
+            assert shown[name.replace("_", " ")].split()[0] == f"{value:.6g}"
+
+
 def test_what_is_copied_makes_the_run_again(call, empty_folder):
     asked = {"Gamma": "1.1", "beta0": "20.5 deg", "e_1": "0.5", "tilt": "0.03 rad", "xdot0": "-0.5"}
     copied = LivePage().run(asked)["copy"]
@@ -167,7 +234,7 @@ def test_what_is_copied_makes_the_run_again(call, empty_folder):
         Gamma=1.1, beta0="20.5 deg", e_1=0.5, tilt=0.03, xdot0=-0.5, periods=200, stop_when_settled=True
     )
     assert "beta0='20.5 deg'" in copied["Python"] and "--beta0 20.5deg" in copied["command"]
-    same(eval(copied["Python"], {"dimersweep": dimersweep}), run)
+    same(made_by(copied["Python"]), run)
     out, _, code = call(*copied["command"].split()[1:], "--json")
     whole = json.loads(out[out.index("{") :])
     assert code == 0 and whole["mode"] == run.mode
@@ -183,7 +250,7 @@ def test_a_click_shows_the_run_behind_the_point(cube):
     run = cube.dimersweep.run(f=20, Gamma=0.9, beta0="16 deg")
     assert told["given"] == {"f": "20"}  # which is all but the base case
     assert told["numbers"][:2] == [("periods", f"{run.n_periods} of 0.05 s"), ("events", f"{run.n_events}")]
-    same(eval(told["copy"]["Python"], {"dimersweep": dimersweep}), run)
+    same(made_by(told["copy"]["Python"]), run)
     assert told["settings"] == {"periods": "150", "rtol": "1e-08"}
     assert told["place"]["beta0"] == "16"
 
@@ -194,7 +261,7 @@ def test_a_carried_state_is_copied_with_the_run():
     places = dict.fromkeys(page.map.dims, "0") | {"direction": "1", "Gamma": "0"}
     copied = page.run({"at": ",".join(places[name] for name in page.map.dims)})["copy"]
     assert list(copied) == ["Python"]
-    again = eval(copied["Python"], {"dimersweep": dimersweep})
+    again = made_by(copied["Python"])
     assert again.mode == both.dimersweep.run(Gamma=0.9, direction="down").mode
     assert again.start["theta"] != 0
 
@@ -687,7 +754,7 @@ def test_a_map_is_clicked_compared_linked_copied_and_saved(cube, tmp_path):
         page.get_by_role("button", name="Python").first.click()
         code = page.evaluate("navigator.clipboard.readText()")
         assert code == page.locator(".run pre").first.inner_text()
-        assert eval(code, {"dimersweep": dimersweep}).mode == modes[0]
+        assert made_by(code).mode == modes[0]
         for kind, name in (("png", "dimer.png"), ("csv", "dimer.csv")):
             with page.expect_download() as download:
                 page.locator(f"[data-save={kind}]").first.click()

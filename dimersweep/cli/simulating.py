@@ -23,6 +23,9 @@ def simulate(
     *,
     periods: Annotated[int, number_option("Forcing periods to run.", int)] = 100,
     rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
+    stop_when_settled: Annotated[
+        bool, option("End as soon as the motion has settled and its numbers stand.", "--stop-when-settled")
+    ] = False,
     plot: Annotated[Path | None, option("Picture of heights, orbit and phase portraits.", group=OUTPUT)] = None,
     movie: Annotated[
         Path | None, option("Movie of the last periods: .gif, .mp4 or .html (in 3D).", group=OUTPUT)
@@ -66,7 +69,8 @@ def simulate(
 
         if recorded:
             check_recorded(periods, "--plot, --movie, --save and --error")
-        run = simulate(**parameters, periods=periods, rtol=rtol, record=recorded, max_seconds=max_seconds)
+        how: dict[str, Any] = {"stop_when_settled": stop_when_settled, "record": recorded, "max_seconds": max_seconds}
+        run = simulate(**parameters, periods=periods, rtol=rtol, **how)
         bounds = _bounds(run) if error else {}
         tell(in_lines(run.conditions()), **_as_dict(run), **bounds)
         if tell.shown:

@@ -90,11 +90,13 @@ def written(run: SeenRun, settings: Mapping[str, Any]) -> dict[str, str]:
     begun = getattr(run, "start", None)
     if begun is not None:
         values = {"start": begun} | {name: value for name, value in values.items() if name not in START}
-    python = f"dimersweep.simulate({', '.join(f'{name}={value!r}' for name, value in {**values, **settings}.items())})"
+    told = ", ".join(f"{name}={value!r}" for name, value in {**values, **settings}.items())
+    python = f"import dimersweep\n\nrun = dimersweep.simulate({told})\nprint(run, run.orbit, sep='\\n')\n"
     if begun is not None:
         return {"Python": python}
     options = values | {name: settings[name] for name in ("periods", "rtol") if name in settings}
     command = "".join(f" --{name} {str(value).replace(' ', '')}" for name, value in options.items())
+    command += " --stop-when-settled" if settings.get("stop_when_settled") else ""
     sweep = {"title": "one point", **settings, "output": "point.nc"}
     grid = {"Gamma": [values.pop("Gamma", BASE["Gamma"])]}
     sections = {"sweep": sweep, "grid": grid, "fixed": values}
