@@ -308,12 +308,15 @@ def test_borders_and_branches_have_a_map():
 def test_a_quantity_is_shown_in_shades(cube):
     part = CubeMap(cube).part({"f": "0", "shown": "radius"})
     values = cube["radius"].sel(f=15).values.ravel()
-    assert part["values"] == [f"{value:.6g}" for value in values]
+    assert part["values"] == ["none" if np.isnan(value) else f"{value:.6g}" for value in values]
+    assert "none" in part["values"]
     assert [color == "" for color in part["colors"]] == np.isnan(values).tolist()
     assert part["bar"]["ends"] == [f"{cube['radius'].min():.4g}", f"{cube['radius'].max():.4g}"]  # of the whole cube
     assert part["bar"]["label"] == "radius [m]"
     endless = CubeMap(cube.assign(radius=cube["radius"] * np.inf)).part({"shown": "radius"})
-    assert set(endless["colors"]) == {""} and endless["bar"]["ends"] == ["0", "1"]
+    assert (
+        set(endless["values"]) == {"none"} and set(endless["colors"]) == {""} and endless["bar"]["ends"] == ["0", "1"]
+    )
     brightness = [int(color[1:3], 16) + int(color[3:5], 16) for color in part["colors"] if color]
     assert np.argmax(brightness) == np.nanargmax(values[~np.isnan(values)])
 

@@ -105,7 +105,7 @@ class CubeMap:
         told["colors"] = np.where(
             np.isfinite(share), SHADES[np.nan_to_num(255 * np.clip(share, 0, 1)).astype(int)], ""
         ).tolist()
-        told["values"] = [f"{value:.6g}" for value in values]
+        told["values"] = [f"{value:.6g}" if np.isfinite(value) else "none" for value in values]
         units = units_shown(self.cube[shown].attrs.get("units", "1"))
         told["bar"] = {"ends": [f"{low:.4g}", f"{high:.4g}"], "label": with_units(shown.replace("_", " "), units)}
         told["bar"]["shades"] = SHADES[::51].tolist()
