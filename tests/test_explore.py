@@ -694,6 +694,11 @@ def test_links_are_links_and_the_way_back_is_kept(cube):
         page.reload()
         page.wait_for_function("document.body.dataset.drawn >= 1")
         assert page.locator("#of-e").input_value() == "0.5"
+        # what a link tells in vain is told where it stands
+        page.evaluate("() => { location.hash = 'at=9,0,0&compare=e%3Dhalf'; }")
+        page.locator("#error").get_by_text("f = 9: must be a place from 0 to 1").wait_for()
+        page.locator(".pinned .says").get_by_text("e = 'half': must be a number").wait_for()
+        assert faults(page) == {}
 
 
 @needs_chromium
