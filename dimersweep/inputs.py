@@ -35,6 +35,7 @@ _NAMED: dict[str, tuple[Size, dict[str, int]]] = {
     "s sec second": (Fraction(1), {"s": 1}),
     "min minute": (Fraction(60), {"s": 1}),
     "h hr hour": (Fraction(3600), {"s": 1}),
+    "d day": (Fraction(86400), {"s": 1}),
     "Hz HZ hertz": (Fraction(1), {"s": -1}),
     "rad radian": (Fraction(1), {"rad": 1}),
     "° deg degree": (pi / 180, {"rad": 1}),

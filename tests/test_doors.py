@@ -125,6 +125,7 @@ DOORS = {
     "find.rtol": (lambda v, _: orbits.find(spin=104.0, rtol=v).rtol, 1e-8, "1"),
     "later.spin": (lambda v, made: orbits.later(made["family"], spin=v, periods=10)[:2], 102.0, "rad s-1"),
     "later.periods": (lambda v, made: orbits.later(made["family"], spin=102.0, periods=v)[:2], 10.0, "1"),
+    "later.seconds": (lambda v, made: orbits.later(made["family"], spin=102.0, seconds=v)[:2], 0.7, "s"),
     "centre_drift.spin": (lambda v, _: orbits.centre_drift(tilt=1e-3, spin=v, **LOOSE)[1:], 104.0, "rad s-1"),
     "centre_drift.parameters": (lambda v, _: orbits.centre_drift(tilt=v, **AT_104)[1:], 1e-3, "rad"),
     "centre_drift.rtol": (lambda v, _: orbits.centre_drift(tilt=1e-3, spin=104.0, rtol=v)[1:], 1e-8, "1"),
@@ -332,7 +333,8 @@ def test_the_time_of_an_impact_may_carry_its_unit(made):
 SPELT = {
     "m": {"500um": 5e-4, "500 µm": 5e-4, "500 \u03bcm": 5e-4, "3cm": 0.03, "4.1 mm": 4.1e-3, "1e-3 km": 1,
           "2 millimeters": 2e-3},
-    "s": {"5 min": 300, "20 ms": 0.02, "20 us": 2e-5, "1 hour": 3600, "3 seconds": 3},
+    "s": {"5 min": 300, "20 ms": 0.02, "20 us": 2e-5, "1 hour": 3600, "3 h": 10_800, "3 seconds": 3, "0.5 d": 43_200,
+          "2 days": 172_800},
     "m s-2": {
         "1 g": 9.80665, "1 G": 9.80665, "20 mg": 0.1961330, "9.81 m/s2": 9.81, "9.81 m/s^2": 9.81, "9.81 m s-2": 9.81,
         "9.81 m s^-2": 9.81, "9.81 m/s²": 9.81, "9.81 m s⁻²": 9.81, "981 cm/s**2": 9.81, "9.81 m/s/s": 9.81, "1 gn": 9.80665,

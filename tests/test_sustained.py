@@ -1,5 +1,7 @@
 """Sustained spins, cycles of the spin, and motions after any time: against plain runs, which know of none of this."""
 
+from datetime import timedelta
+
 import numpy as np
 import pytest
 
@@ -133,6 +135,17 @@ def test_an_infinite_time_leads_to_the_sustained_spin(chosen):
     orbit, spin = orbits.find(spin=170.0, **CHOSEN), float(chosen["spin"][1])
     assert orbits.later(orbit, periods=np.inf).spin == pytest.approx(spin, rel=1e-9)
     assert orbits.later(orbit, periods=1e9).spin == pytest.approx(spin, rel=1e-9)
+    assert orbits.later(orbit, seconds="inf") == orbits.later(orbit, periods=np.inf)
+
+
+def test_a_time_may_be_given_in_hours():
+    orbit = orbits.find(spin=170.0, **CHOSEN)
+    after = orbits.later(orbit, periods=7200 * orbit.parameters["f"])
+    for seconds in ("2 h", "120 min", 7200, timedelta(hours=2)):
+        assert orbits.later(orbit, seconds=seconds) == after
+    for given in ({}, {"seconds": "2 h", "periods": 10}):
+        with pytest.raises(ParameterError, match=r"^periods: give either periods or seconds, such as seconds='3 h'$"):
+            orbits.later(orbit, **given)
 
 
 def test_time_runs_back_as_far_as_the_family_goes():

@@ -1,8 +1,8 @@
 """Where a motion is after any time: its spin drifts along the slow family, to a sustained spin, or over ends of the family."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isnan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -62,8 +62,14 @@ class Later(NamedTuple):
         return f"<Later: {', '.join(parts)}>"
 
 
-def later(family: xr.Dataset | PeriodicOrbit, *, spin: float | None = None, periods: float) -> Later:
-    """The motion some forcing periods after it had a given spin, by integration of the slow rate.
+def later(
+    family: xr.Dataset | PeriodicOrbit,
+    *,
+    spin: float | str | None = None,
+    periods: float | None = None,
+    seconds: float | str | None = None,
+) -> Later:
+    """Return the motion some time after it had a given spin, by integration of the slow rate.
 
     The spin obeys s(n + 1) = s(n) + d(s(n)); the flow ds/dn = d - d d'/2 has this map to second order. Where d falls through
     zero as the spin grows, the motion comes to that spin and keeps it. From an orbit the motion is followed for any time: over
@@ -75,9 +81,11 @@ def later(family: xr.Dataset | PeriodicOrbit, *, spin: float | None = None, peri
         The stable orbit that the motion is on, or a table from `family`, within which it stays.
     spin : float, optional
         Of a table: axial spin after the double impact, as in `Run.orbit.spin` [rad s-1]. An orbit has its own.
-    periods : float
-        Forcing periods, forwards; backwards, as far as the family goes, if negative. From an orbit also inf: where the spin
-        comes to in the end.
+    periods : float, optional
+        Time in forcing periods, forwards; backwards, as far as the family goes, if negative. From an orbit also inf: where the
+        spin comes to in the end.
+    seconds : float or str, optional
+        In place of `periods`: time [s], or a text with its unit, such as "3 h".
 
     Returns
     -------
@@ -86,7 +94,8 @@ def later(family: xr.Dataset | PeriodicOrbit, *, spin: float | None = None, peri
     Raises
     ------
     ParameterError
-        If the spin is beyond the family, or the motion comes to its end before; if there is no end of the motion.
+        If the spin is beyond the family, or the motion comes to its end before; if there is no end of the motion; if not one of
+        `periods` and `seconds` is given.
     OrbitError
         For an infinite time, if it cannot be told where the motion comes to.
 
@@ -96,6 +105,8 @@ def later(family: xr.Dataset | PeriodicOrbit, *, spin: float | None = None, peri
     >>> orbit = orbits.find(spin=110.0)
     >>> round(orbits.later(orbit, periods=10_000).radius, 3)
     4.256
+    >>> orbits.later(orbit, seconds="3 h")
+    <Later: spin 82.9209 rad/s, radius 4.26405 m, period 64.511 s, zeta 1.62886 rad>
     >>> family = orbits.family(spin=(100.0, 110.0), points=5)
     >>> round(orbits.later(family, spin=110.0, periods=10_000).radius, 3)
     4.256
@@ -105,8 +116,8 @@ def later(family: xr.Dataset | PeriodicOrbit, *, spin: float | None = None, peri
             raise ParameterError(f"spin = {spin!r}: the orbit has its own; give it with a table only")
         if not family.stable:
             raise ParameterError("family: is an unstable orbit, along which no motion drifts")
-        return _after(family, np.inf if periods == np.inf else as_number("periods", periods))
-    spin, periods = as_number("spin", spin, "rad s-1"), as_number("periods", periods)
+        return _after(family, _time(periods, seconds, family.parameters, endless=True))
+    spin, periods = as_number("spin", spin, "rad s-1"), _time(periods, seconds, family)
     family = family.sortby("spin").isel(spin=np.isfinite(family.sortby("spin")["spin_drift"].values))
     spins = family["spin"].values
     if spins.size < 4 or (np.diff(spins) == 0).any():
@@ -120,6 +131,19 @@ def later(family: xr.Dataset | PeriodicOrbit, *, spin: float | None = None, peri
         return float(CubicSpline(spins[known], family[name].values[known])(at_end)) if known.sum() > 1 else np.nan
 
     return Later(at_end, read("radius"), read("period"), read("zeta"))
+
+
+def _time(periods: Any, seconds: Any, known: Mapping[Any, Any], *, endless: bool = False) -> float:
+    """Return a time in forcing periods, for parameters that are known; raise a ParameterError unless it is given once."""
+    if (periods is None) == (seconds is None):
+        raise ParameterError("periods: give either periods or seconds, such as seconds='3 h'")
+    name, time, units = ("periods", periods, "1") if seconds is None else ("seconds", seconds, "s")
+    if endless and str(time) == "inf":
+        return np.inf
+    number = as_number(name, time, units)
+    if seconds is not None and "f" not in known:
+        raise ParameterError("seconds: the table does not tell f; give periods")
+    return number if seconds is None else number * float(known["f"])
 
 
 def _within_family(stretches: list[Stretch], spin: float, periods: float) -> float:
