@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import dimersweep
-from dimersweep import orbits, simulate, stability
+from dimersweep import orbits, simulate, stability, sweep
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.kernel.model.layout import IMPACT_STEPS, MAX_EVENTS, STATUS_MESSAGES
 from dimersweep.orbits import poincare
@@ -159,12 +159,47 @@ def test_the_orbit_that_runs_come_to_is_preferred_and_others_are_told():
     assert orbits.find(spin=100.0, Gamma=1.28).others == ()  # it is found again from each start
 
 
+def test_a_run_handed_in_gives_the_orbit_that_it_has_settled_on():
+    """Its period is that of the motion, and its spin that of the run's end; so a point of a cube."""
+    for given, period in (({"e": 0.66, "Gamma": 0.92}, 1), ({"Gamma": 1.275}, 2)):
+        run = simulate(**given, periods=400)
+        found = orbits.find(run)
+        assert (found.periods, found.stable, found.residual < 1e-11) == (period, True, True)
+        assert found.parameters == run.parameters
+        assert found.spin == pytest.approx(run.section("double_impact")["gamma_rate"][-1].item(), rel=1e-3)
+    assert orbits.find(found).periods == 2  # of an orbit, too
+    drift = simulate(periods=200)
+    assert orbits.find(drift).spin == pytest.approx(drift.orbit.spin, rel=1e-5)
+    assert orbits.find(drift, Gamma=0.95).parameters == drift.parameters | {"Gamma": 0.95}
+    cube = sweep({"f": [15, 20], "beta0": [0.1, 0.3]}, periods=200, progress=False)
+    at = cube.dimersweep.run(f=20, beta0=0.3)
+    assert orbits.find(cube.isel(f=1, beta0=1)).radius == orbits.find(at).radius == pytest.approx(at.orbit.radius, 1e-5)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (
+            {"periods": 10},
+            "(its motion is unresolved); let it go on, as by run.go_on(400); periods=1 looks near its end nonetheless",
+        ),
+        ({"periods": 200, "Gamma": 3.0}, "(its motion is aperiodic); periods=1 looks near its end nonetheless"),
+        ({"periods": 60, "beta0": 0.1}, "(its motion is rest)"),
+        ({"periods": 100_000, "max_seconds": 1e-9}, "(the run was stopped from outside, as where its time was up)"),
+    ],
+)
+def test_a_run_that_has_settled_on_no_orbit_is_told(given, told):
+    with pytest.raises(ParameterError) as refused:
+        orbits.find(simulate(**given))
+    assert str(refused.value) == f"guess: the run has settled on no orbit {told}"
+
+
 def test_what_is_no_orbit_is_told_in_one_line():
     with pytest.raises(OrbitError, match=r"needs Gamma >= .* = 0.7854\); tried the ball's orbit"):
         orbits.find(Gamma=0.7)
     rest = simulate(beta0=0.02, periods=50)
     with pytest.raises(OrbitError, match="the end of the run"):
-        orbits.find(guess=rest)
+        orbits.find(guess=rest, periods=1)
     with pytest.raises(ParameterError, match="nothing was recorded"):
         orbits.find(guess=simulate(periods=50, record=False))
 

@@ -8,8 +8,9 @@ from math import acos, cos, sin
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
-from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.errors import OrbitError, ParameterError, one_line
 from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.kernel.model.body import dip_of
 from dimersweep.kernel.model.layout import FREE, N_STATE, PERIOD, PHASE, ROW, ROW_PHI0, SPIN, STICK, State
@@ -22,6 +23,7 @@ from dimersweep.orbits.poincare import SPIN_COORDINATE, TURN, OrbitLost, Recorde
 from dimersweep.orbits.specials import JOINED
 from dimersweep.parameters import Parameters, check_level, check_name, check_names, dimer_from, updated, value_of
 from dimersweep.runs.run import Run
+from dimersweep.runs.starting import is_point
 from dimersweep.symbols import PARAMETERS
 
 Start = tuple[ReturnMap, np.ndarray]
@@ -120,27 +122,29 @@ def of_run(run: Run, m: ReturnMap, number: int = -1) -> Start:
 
 
 def find(
+    guess: Run | PeriodicOrbit | xr.Dataset | None = None,
     *,
     spin: float | str | None = None,
-    periods: int = 1,
-    guess: Run | PeriodicOrbit | None = None,
+    periods: int | None = None,
     rtol: float = RTOL,
     **parameters: Any,
 ) -> PeriodicOrbit:
-    """The orbit at a given axial spin: a fixed point of the fast part of the return map, stable or not.
+    """Return the orbit at an axial spin, or that of a run: a fixed point of the fast part of the return map, stable or not.
 
     Without a guess it is looked for from three starts, until one leads to a stable orbit. If none does, it is the first that
     was found. Others that were found on the way are its `others`.
 
     Parameters
     ----------
+    guess : Run, PeriodicOrbit or xarray.Dataset, optional
+        A recorded run, whose settled motion is on the orbit, or an orbit nearby, or one point of a cube: the run behind it.
+        Parameters that are not given are as there.
     spin : float, optional
         Axial spin after the double impact [rad s-1]; by default that of the guess, or without one what a lateral start
         with `xdot0` rolls up to. 0.0 is the dimer that moves in a plane.
-    periods : int
-        Forcing periods after which the motion repeats.
-    guess : Run or PeriodicOrbit, optional
-        A recorded run that has come near the orbit, or an orbit nearby; parameters that are not given are as there.
+    periods : int, optional
+        Forcing periods after which the motion repeats; by default as the guess does, or 1 without one. Where it is given, a
+        run need not have settled: the orbit is looked for near its end.
     rtol : float
         Accuracy of the map [1].
     **parameters : float
@@ -153,25 +157,41 @@ def find(
     Raises
     ------
     ParameterError
-        For an unknown parameter or a value that is not allowed.
+        For an unknown parameter or a value that is not allowed, and for a run whose motion does not repeat.
     OrbitError
         If Newton's method does not come to an orbit, with what was tried.
 
     Examples
     --------
-    >>> from dimersweep import orbits
+    >>> from dimersweep import orbits, simulate
     >>> orbit = orbits.find(Gamma=0.9, spin=100.0)
     >>> abs(orbit.multipliers).round(3).tolist()
     [0.599, 0.599, 0.308]
+    >>> run = simulate(f=16, periods=200)
+    >>> orbits.find(run).stable, round(orbits.find(run).radius, 4), round(run.orbit.radius, 4)
+    (True, 4.9165, 4.9165)
     """
-    given = checked(parameters, guess)
+    known: Any = guess.dimersweep.run() if is_point(guess) else guess
+    given = checked(parameters, known)
     return orbit_at(
         given,
         None if spin is None else checked_spin(spin, given),
-        check_count("periods", periods),
-        guess,
+        _periods_of(known) if periods is None else check_count("periods", periods),
+        known,
         check_rtol(rtol),
     )
+
+
+def _periods_of(guess: Run | PeriodicOrbit | None) -> int:
+    """Return the forcing periods after which a guess repeats, 1 without one; raise a ParameterError if it does not."""
+    if not isinstance(guess, Run):
+        return 1 if guess is None else guess.periods
+    if guess.mode_period:
+        return guess.mode_period
+    near = "; periods=1 looks near its end nonetheless"
+    ways = {"unresolved": f"; let it go on, as by run.go_on(400){near}", "aperiodic": near}
+    why = guess.message if guess.status != "ok" else f"its motion is {guess.mode}"
+    raise ParameterError(f"guess: the run has settled on no orbit ({why}){ways.get(guess.mode, '')}")
 
 
 def orbit_at(
@@ -212,7 +232,7 @@ def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None
     """All parameters, those of the guess where they are not given; refuses unknown ones, and values that are not allowed."""
     check_names(parameters)
     if guess is not None and not isinstance(guess, Run | PeriodicOrbit):
-        raise ParameterError(f"guess = {guess!r}: must be a Run or a PeriodicOrbit")
+        raise ParameterError(f"guess = {one_line(repr(guess))}: must be a Run, a PeriodicOrbit or one point of a cube")
     given = Parameters(**updated({} if guess is None else guess.parameters, parameters)).given()
     check_level(given, "orbits", "; orbits.centre_drift has what a small one does to a circle")
     return given

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from inspect import Parameter, Signature, cleandoc
 from math import cos, degrees, pi, sin
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import xarray as xr
@@ -58,7 +58,7 @@ def _one(name: str, variable: Any) -> float:
     return as_number(f"start.{name}", variable.squeeze(), STATE_QUANTITIES[name].units)
 
 
-def is_point(start: Any) -> bool:
+def is_point(start: Any) -> TypeGuard[xr.Dataset]:
     """Whether `start` is one point of a cube, which gives parameters in place of a state."""
     return isinstance(start, xr.Dataset) and "mode" in start and "gap_1" not in start
 
