@@ -5,11 +5,13 @@ and the clock of their tasks, the chunks of cubes above memory, the version of t
 """
 
 import sys
+from functools import partial
 from time import sleep
 
 import numpy as np
 import pytest
 
+from dimersweep.fits import Likelihood
 from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.model.event_row import E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import (
@@ -24,6 +26,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.record import EVENT_ROWS, SEGMENT_ROWS
 from dimersweep.runs import solving
+from dimersweep.work import progress
 from dimersweep.work.proving import proof
 from dimersweep.work.scheduling import IN_FLIGHT
 from dimersweep.work.tiles import TILE_SECONDS
@@ -46,6 +49,17 @@ def rows_made(patch, run_many):
     use_kernel(patch, counting)
     no_warm_up(patch)
     return made
+
+
+def before_each_misfit(patch, call):
+    """Call `call(orbit)` before a fit compares an orbit with the data."""
+    residuals = Likelihood.residuals
+    patch.setattr(Likelihood, "residuals", lambda self, orbit: (call(orbit), residuals(self, orbit))[1])
+
+
+def every_line(patch):
+    """Let a log show each step of the work, and not one in ten seconds."""
+    patch.setattr(progress, "in_lines", partial(progress.in_lines, seconds=0.0))
 
 
 def no_work(patch):

@@ -1,6 +1,8 @@
 """Fits: tracks against closed forms and runs, fitted values against what made the data, and what cannot be told."""
 
 import pickle
+import re
+import signal
 
 import numpy as np
 import pytest
@@ -9,8 +11,9 @@ from scipy.stats import multivariate_normal
 
 import dimersweep
 from dimersweep import fits, orbits, simulate
-from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.errors import OrbitError, ParameterError, Stopped
 from dimersweep.fits.valley import Valley
+from tests.seams import before_each_misfit, every_line
 
 RADII = "path_radius", "radius"
 SPIRAL = {"mu": 0.164, "mu_s": 0.33}  # the double impact ends in sp_sp
@@ -405,3 +408,39 @@ def test_a_fit_is_shown_as_a_line_a_table_and_a_picture():
     (axes,) = fit.plot().axes
     corners = axes.patches[0].get_xy()  # two standard deviations: its extent is that of each parameter
     assert np.ptp(corners, axis=0) == pytest.approx([4 * error for error in fit.errors.values()], rel=1e-2)
+
+
+@pytest.mark.parametrize("last", [0, 12, 25])
+def test_a_fit_that_is_stopped_tells_the_best_values_so_far(monkeypatch, last):
+    """Ctrl-C comes before an orbit was found, in the looks at the ranges, or in a descent."""
+    measured, free, seen = {"path_radius": (4.06, 0.02)}, {"e": (0.55, 0.75)}, []
+
+    def interrupted(orbit):
+        if len(seen) == last:
+            signal.raise_signal(signal.SIGINT)
+        seen.append((((orbit.path_radius - 4.06) / 0.02) ** 2, orbit.parameters["e"]))
+
+    before_each_misfit(monkeypatch, interrupted)
+    with pytest.raises(Stopped) as stop:
+        fits.fit(measured, free, progress=False)
+    assert stop.value.signal == signal.SIGINT and isinstance(stop.value, KeyboardInterrupt)
+    told = "the fit has found no stable orbit so far"
+    if seen:
+        least, e = min(seen)
+        told = f"the best values of the fit so far are e = {e:.6g} (chi-square {least:.4g}), without errors"
+    assert str(stop.value) == told
+
+
+@pytest.mark.parametrize(("free", "last"), [({}, "estimating errors"), ({"A_r": (5.8, 6.2)}, "along the valley")])
+def test_a_fit_tells_how_far_it_is_and_what_it_does(monkeypatch, capsys, free, last):
+    every_line(monkeypatch)
+    data, free = {"path_radius": (4.06, 0.02)}, {"e": (0.58, 0.75), **free}
+    fits.fit(data, free, **SLIPPY)
+    lines = capsys.readouterr().err.splitlines()
+    for doing in ("looking at the ranges", "descending", last):
+        assert any(re.search(rf": {doing}: chi-square \S+$", line) for line in lines), doing
+    counts = [[*map(int, re.match(r"(\d+)/(\d+) steps, \d+ %, elapsed", line).groups())] for line in lines]
+    assert [done for done, total in counts if done >= total] == [counts[-1][1]]
+    if last == "estimating errors":
+        fits.fit(data, free, progress=False, **SLIPPY)
+        assert capsys.readouterr().err == ""

@@ -32,7 +32,7 @@ def of_orbit(seed):
     true = {name: float(rng.uniform(*ends)) for name, ends in DRAWN.items()}
     orbit = orbits.find(**FIXED, **true)
     measured = {name: (getattr(orbit, name) + rng.normal(0, error), error) for name, error in ERRORS.items()}
-    fit = fits.fit(measured, FREE, **FIXED)
+    fit = fits.fit(measured, FREE, progress=False, **FIXED)
     return [(fit.values[name] - true[name]) / fit.errors[name] for name in FREE], fit.probability, fit.cost
 
 
@@ -87,7 +87,7 @@ def of_run(seed, strobed=False, too_many=False):
     e, spin = given["e"], abs(middle.spin + middle.spin_drift * since)
     free = {**(RUNS if too_many else {"e": (e - 0.045, e + 0.055)}), "spin": (0.75 * spin, 1.3 * spin)}
     fixed = {name: value for name, value in given.items() if name not in free}
-    fit = fits.fit(track, free, **fixed)
+    fit = fits.fit(track, free, progress=False, **fixed)
     off = {name: fit.values[name] - (given | {"spin": spin})[name] for name in free}
     if too_many:  # no normal distribution: whether each share that is told holds them; an error of inf tells none
         told = [[abs(off[name]) <= fit.within(share)[name] for share in SHOULD.values()] for name in free]

@@ -1,9 +1,11 @@
 """Fit: the parameters whose orbit is nearest to what was measured, what the data leave open, and whether any give them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import NamedTuple, Unpack
+from signal import SIGINT
+from threading import current_thread, main_thread
+from typing import NamedTuple, TypeVar, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,17 +14,21 @@ from scipy.optimize import least_squares, minimize
 from scipy.stats import chi2, norm
 from scipy.stats.qmc import Halton
 
-from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.errors import OrbitError, ParameterError, Stopped
 from dimersweep.fits.likelihood import Likelihood
 from dimersweep.fits.measured import MEASURABLE, Measured
 from dimersweep.fits.pictures import draw_fit
 from dimersweep.fits.tracks import Track
 from dimersweep.fits.valley import FEW_ERRORS, Valley
+from dimersweep.inputs import check_switch
 from dimersweep.orbits.finding import RTOL
 from dimersweep.orbits.orbit import PeriodicOrbit
 from dimersweep.orbits.poincare import Recorder
 from dimersweep.plots.style import Look
 from dimersweep.symbols import PARAMETERS, units_shown
+from dimersweep.work.progress import Tally, watch
+
+T = TypeVar("T")
 
 FIRST_LOOKS = 8  # points of the ranges that are looked at for each free parameter, and once more
 MOST_CORNERED = 3  # free parameters up to which their corners are looked at, too
@@ -189,9 +195,10 @@ def fit(
     *,
     spin: float | None = None,
     rtol: float = RTOL,
+    progress: bool = True,
     **parameters: float,
 ) -> Fit:
-    """The parameters whose orbit is nearest to what was measured.
+    """Return the parameters whose orbit is nearest to what was measured.
 
     The model is the stable orbit of `orbits.find`. Points spread over the ranges are looked at, and
     `scipy.optimize.least_squares` descends from the best of them.
@@ -208,6 +215,8 @@ def fit(
         Axial spin [rad s-1] where it is not free; by default what a lateral start with `xdot0` rolls up to.
     rtol : float
         Accuracy of the map [1].
+    progress : bool
+        Whether to show how far it is: a bar on a terminal and in a notebook, else a line every ten seconds.
     **parameters : float
         Of the model, as far as they are not free; by default the paper's base case.
 
@@ -221,19 +230,37 @@ def fit(
         For an unknown name, an error that is not above 0, a range that is none, or a value that is not allowed.
     OrbitError
         If there is no stable orbit at any of the points that are looked at.
+    Stopped
+        On Ctrl-C, with the best values so far; it is a KeyboardInterrupt.
 
     Examples
     --------
     >>> from dimersweep import fits
-    >>> fit = fits.fit({"path_radius": (3.1, 0.02)}, {"e": (0.5, 0.85), "mu": (0.05, 0.4)})
+    >>> fit = fits.fit({"path_radius": (3.1, 0.02)}, {"e": (0.5, 0.85), "mu": (0.05, 0.4)}, progress=False)
     >>> fit.possible, round(float(fit.predicted[0]), 2)
     (False, 3.74)
     """
-    search = _Search(Likelihood(measured, free, spin=spin, rtol=rtol, **parameters))
-    ends = _ordered(map(search.descended, search.starts()))
+    likelihood = Likelihood(measured, free, spin=spin, rtol=rtol, **parameters)
+    shown = check_switch("progress", progress) and current_thread() is main_thread()  # two bars at a time are an error
+    with watch(1, {}, lambda: 1, show=shown, noun="steps") as tally:
+        search = _Search(likelihood, tally)
+        try:
+            found = _fitted(search)
+        except KeyboardInterrupt as stop:
+            raise Stopped(search.so_far(), getattr(stop, "signal", SIGINT)) from None
+        tally.doing = f"chi-square {found.chi_square:.3g}"
+        tally.expect(tally.done + 1)
+        tally.add({"done": 1})
+        return found
+
+
+def _fitted(search: "_Search") -> Fit:
+    """Return the fit, after a look at the ranges and descents from the best points."""
+    starts = search.starts()
+    ends = _ordered(map(search.descended, search.steps("descending", starts)))
     slopes = search.slopes(ends[0])
     if _probability(ends[0].misfit, slopes) < IMPROBABLE and search.cut_off(ends[0], slopes):
-        ends = _ordered([search.simplex(ends[0]), *ends])
+        ends = _ordered([*map(search.simplex, search.steps("along a border", ends[:1])), *ends])
         slopes = search.slopes(ends[0])
     return _answer(search, ends, slopes)
 
@@ -256,13 +283,15 @@ def _ordered(points: Iterable[_Point]) -> list[_Point]:
 
 
 class _Search:
-    """The likelihood in units of the ranges, with the point that was found last, or why there was none."""
+    """The likelihood in units of the ranges, with the point that was found last, or why there was none, and the best one."""
 
-    def __init__(self, likelihood: Likelihood) -> None:
+    def __init__(self, likelihood: Likelihood, tally: Tally) -> None:
         self.likelihood = likelihood
+        self.tally, self.doing = tally, ""
         self.width = likelihood.high - likelihood.low
         self.recorder = Recorder()
         self.last: _Point | None = None
+        self.best: _Point | None = None
         self.reason: Exception | None = None
 
     def at(self, u: np.ndarray, guess: PeriodicOrbit | None = None) -> _Point | None:
@@ -276,7 +305,26 @@ class _Search:
             self.last = _Point(u.copy(), replace(orbit, cost=self.recorder.periods - before), residuals)
         except (OrbitError, ParameterError) as error:
             self.reason = error
+        if self.last and (self.best is None or self.last.misfit < self.best.misfit):
+            self.best = self.last
+        best = f": chi-square {self.best.misfit:.2g}" if self.best else ""
+        self.tally.tell(self.doing + best)
         return self.last
+
+    def steps(self, doing: str, items: Sequence[T]) -> Iterator[T]:
+        """Go through items, each of which is a step of what is done."""
+        self.doing = doing
+        self.tally.expect(self.tally.total + len(items))
+        for each in items:
+            yield each
+            self.tally.add({"done": 1})
+
+    def so_far(self) -> str:
+        """Return the best values so far, in a line."""
+        if self.best is None:
+            return "the fit has found no stable orbit so far"
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in self.values(self.best).items())
+        return f"the best values of the fit so far are {values} (chi-square {self.best.misfit:.4g}), without errors"
 
     def values(self, point: _Point) -> dict[str, float]:
         """Of the free parameters, in their units."""
@@ -294,7 +342,7 @@ class _Search:
         spread = Halton(n, scramble=False).random((n + 1) * FIRST_LOOKS + 1)[1:]  # the first one is a corner
         corners = np.array(list(product((0.0, 1.0), repeat=n))) if n <= MOST_CORNERED else np.empty((0, n))
         looks = [np.full(n, 0.5), *spread, *corners]
-        found = [point for point in map(self.at, looks) if point is not None]
+        found = [point for point in map(self.at, self.steps("looking at the ranges", looks)) if point]
         if isinstance(self.reason, ParameterError) and not found:
             raise self.reason
         if not found:
@@ -363,6 +411,7 @@ class _Search:
         singular, directions = _directions(slopes)
         step = min(POINTS ** (-1 / n_open), PER_ERROR / max(singular[-n_open], PER_ERROR))
         found: list[tuple[_Point, np.ndarray]] = []
+        self.doing = "along the valley"
         ahead = [(seed, directions[-n_open:]) for seed in seeds]
 
         def near(u: np.ndarray) -> bool:
@@ -372,8 +421,10 @@ class _Search:
             point, before = ahead.pop(0)
             if near(point.u) or point.misfit - seeds[0].misfit > FAR_UP:
                 continue
+            self.tally.expect(self.tally.done + len(ahead) + 2)
             slopes = self.slopes(point)
             found.append((point, slopes))
+            self.tally.add({"done": 1})
             there = _directions(slopes)[1][-n_open:].T
             along = (there @ orthogonal_procrustes(there, before.T)[0]).T  # turned as little as can be
             for way in (*along, *-along):
@@ -434,6 +485,7 @@ def _directions(slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     """The fit in the units of its parameters and in words."""
+    search.doing = "estimating errors"
     likelihood, best = search.likelihood, ends[0]
     names, low, width = likelihood.names, likelihood.low, search.width
     singular, directions = _directions(slopes)

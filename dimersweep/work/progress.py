@@ -1,4 +1,4 @@
-"""How far a sweep is: a live bar in a notebook or on a terminal, a plain line now and then in a log."""
+"""How far a sweep or a fit is: a live bar in a notebook or on a terminal, a plain line now and then in a log."""
 
 import sys
 import threading
@@ -11,6 +11,7 @@ from time import perf_counter
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Column
 
 from dimersweep.kernel.compiler.ways import FAST, PLAIN, is_compiled, way
 
@@ -33,6 +34,8 @@ class Tally:
         How many run at a time; they may come and go.
     show : callable
         Is given it whenever it has changed.
+    noun : str
+        Name of what is counted.
     """
 
     def __init__(
@@ -41,8 +44,10 @@ class Tally:
         before: Mapping[str, int] | None = None,
         workers: Callable[[], int] = lambda: 1,
         show: "Callable[[Tally], None]" = lambda tally: None,
+        noun: str = "points",
     ) -> None:
-        self.total, self.workers, self.show = total, workers, show
+        self.total, self.workers, self.show, self.noun = total, workers, show, noun
+        self.doing = ""  # what is done at the moment, in words, in place of the modes
         self.modes: Counter[str] = Counter(before or {})
         # tasks that were run; points of all but the first, and their time
         self.tasks, self.timed, self.seconds = 0, 0, 0.0
@@ -67,6 +72,11 @@ class Tally:
         self.total = total
         self.show(self)
 
+    def tell(self, doing: str) -> None:
+        """Show what is done at the moment."""
+        self.doing = doing
+        self.show(self)
+
     @property
     def elapsed(self) -> str:
         """Time since the start."""
@@ -84,8 +94,8 @@ class Tally:
         return clock(left * self.seconds / max(1, self.timed) / workers)
 
     def words(self) -> str:
-        """Such as ``drift 512, rest 30``, the most frequent first."""
-        return ", ".join(f"{mode} {count}" for mode, count in self.modes.most_common())
+        """Return what is done at the moment, or counts such as ``drift 512, rest 30``, the most frequent first."""
+        return self.doing or ", ".join(f"{mode} {count}" for mode, count in self.modes.most_common())
 
 
 def clock(seconds: float) -> str:
@@ -107,7 +117,7 @@ def in_lines(
         if now - last < seconds and tally.done < tally.total:
             return
         last = now
-        share = f"{tally.done}/{tally.total} points, {100 * tally.done // tally.total} %"
+        share = f"{tally.done}/{tally.total} {tally.noun}, {100 * tally.done // tally.total} %"
         write(f"{share}, elapsed {tally.elapsed}, left {tally.time_left()}: {tally.words()}", tally)
 
     return show
@@ -145,28 +155,34 @@ def _report_seconds() -> None:
 
 
 @contextmanager
-def watch(total: int, before: Mapping[str, int], workers: Callable[[], int], *, show: bool) -> Iterator[Tally]:
+def watch(
+    total: int, before: Mapping[str, int], workers: Callable[[], int], *, show: bool, noun: str = "points"
+) -> Iterator[Tally]:
     """A `Tally`, which is shown if it is to be: as a bar in a notebook, as one on a terminal, as lines in a log (stderr)."""
     console = Console(stderr=True)
     if not show:
-        yield Tally(total, before, workers)
+        yield Tally(total, before, workers, noun=noun)
         return
     bar = notebook_bar()
     if bar or not console.is_terminal:
         if done := sum(before.values()):
             print(f"going on: {done} of {total} points are done", file=sys.stderr, flush=True)
-        yield Tally(total, before, workers, bar or in_lines())
+        yield Tally(total, before, workers, bar or in_lines(), noun)
         return
     left = TextColumn("{task.fields[left]}", style="progress.remaining")
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("points"), left, TextColumn("{task.description}"))
-    with Progress(*columns, console=console) as display:
-        task = display.add_task("", left="")
+    # the bar and the words share what the numbers leave of the width
+    bar_column = BarColumn(bar_width=None, table_column=Column(ratio=1))
+    words = TextColumn("{task.description}", table_column=Column(ratio=2, no_wrap=True))
+    with Progress(
+        bar_column, MofNCompleteColumn(), TextColumn(noun), left, words, console=console, expand=True
+    ) as display:
+        task = display.add_task("", total=total, left="")
 
         def move(tally: Tally) -> None:
-            """Move the bar; at the end it shows the time that all has taken."""
-            time = tally.time_left() if tally.done < tally.total else tally.elapsed
+            """Move the bar; at the end, or where the time left is not known at all, it shows the time that all has taken."""
+            time = tally.elapsed if tally.doing or tally.done >= tally.total else tally.time_left()
             display.update(task, total=tally.total, completed=tally.done, description=tally.words(), left=time)
 
-        tally = Tally(total, before, workers, move)
+        tally = Tally(total, before, workers, move, noun)
         move(tally)
         yield tally
