@@ -77,6 +77,12 @@ def _parsed(text: str) -> tuple[Size, Counter[str]] | None:
     return size, Counter({base: power for base, power in powers.items() if power})
 
 
+def is_unit(text: str, like: str | None = None) -> bool:
+    """Return whether a text, which is no number, is a unit such as mm, and of the kind of another one."""
+    found = None if re.match(r"\d|$", text) else _parsed(text)
+    return found is not None and (like is None or found[1] == (_parsed(like) or found)[1])
+
+
 def size_of(name: str, value: Any, unit: Any, units: str | None) -> Size:
     """Return the size of the unit that a value has, in `units`; 1 where these are None.
 

@@ -321,6 +321,10 @@ COMMANDS = {
     "borders": (["small.toml"], ["studies.border_files.read_borders"]),
     "orbits": ([], ["orbits.sustained"]),
     "attractors": (["beta0=0.1:0.5"], ["studies.attractors.attractors"]),
+    "later": (["--spin", "110", "--seconds", "1h"], ["orbits.find", "orbits.later"]),
+    "lyapunov": ([], ["runs.simulating.simulate", "runs.growth.lyapunov"]),
+    "power": (["--before", "5", "--periods", "5"], ["runs.simulating.simulate"]),
+    "fit": (["absent.csv", "e=0.5:0.7"], ["inputs.read_text"]),
     "waveform": (["absent.csv"], ["inputs.read_text"]),
 }
 

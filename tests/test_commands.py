@@ -4,26 +4,37 @@ import json
 import os
 import re
 import shlex
+import signal
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
 import dimersweep
-from dimersweep import cli, orbits
+from dimersweep import cli, fits, orbits, stability
+from dimersweep.cli.measuring import named, table_of
+from dimersweep.inputs import as_numbers
 from dimersweep.studies.presets import presets
 from dimersweep.symbols import HIGHER, INSTEAD, PARAMETERS, PICTURE_KINDS, QUANTITIES
+from tests.seams import before_each_misfit, exit_plainly
 
 ROOT = Path(__file__).parents[1]
 COMMANDS = [one.callback.__name__ for one in cli.app.registered_commands]
+TIMES = np.sort(np.random.default_rng(1).uniform(20, 60, 200))
+SLIPPY = ["--mu", "0.3", "--mu_s", "0.6"]
+FIT = ["fit", "track.csv", "e=0.58:0.75", "spin=100:160", "--sigma", "10mm", *SLIPPY]
 DIMER = ["--e", "0.65", "--f", "22", "--A_r", "5", "--mu", "0.1", "--mu_s", "0.15"]
 
 
 @pytest.fixture(autouse=True)
 def in_an_empty_folder(empty_folder):
     Path("small.toml").write_text((ROOT / "sweeps" / "fig07-small.toml").read_text())
+    angles = 2 * np.pi * TIMES / 34.96
+    places = [4.015 * np.cos(angles), 4.015 * np.sin(angles)]
+    np.savetxt("track.csv", np.column_stack([TIMES, *places]), delimiter=",", header="t [s],x [m],y [m]", comments="")
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------
@@ -34,6 +45,10 @@ TABLES = [  # commands that print tables
     ["orbits", *DIMER, "--Gamma", "0.9"],
     ["orbits", "--spin", "100", "--follow", "Gamma=1.3"],
     ["attractors", "beta0=1deg:89deg", *DIMER, "--starts", "8", "--periods", "200", "--slow"],
+    ["later", "--spin", "100", "--seconds", "3h", *DIMER],
+    ["lyapunov", "--Gamma", "3", "--before", "60", "--periods", "40", "--all"],
+    ["power", "--before", "40", "--periods", "20"],
+    FIT,
 ]
 
 
@@ -163,7 +178,7 @@ def test_a_sweep_tells_a_program_what_it_has_made(done, call, fake_kernel):
 
 def test_quiet_prints_nothing(call, fake_kernel):
     assert call("run", "small.toml", "--quiet") == ("", "", 0)
-    assert sorted(os.listdir()) == ["fig07-small.nc", "fig07-small.png", "small.toml"]
+    assert sorted(os.listdir()) == ["fig07-small.nc", "fig07-small.png", "small.toml", "track.csv"]
     assert call("plot", "fig07-small.nc", "--quantity", "radius", "--quiet") == ("", "", 0)
     assert call("simulate", "--periods", "5", "--quiet") == ("", "", 0)
     _, err, code = call("simulate", "--e", "2", "--quiet")
@@ -231,3 +246,109 @@ def test_attractors_from_drawn_starts(done, call):
     _, err, code = call("attractors", "beta0")
     assert code == 2
     assert "'beta0': must be NAME=LOW:HIGH, such as beta0=1deg:89deg" in err
+
+
+# --- after a time, growth, power ----------------------------------------------------------------------------------------
+def test_where_a_motion_is_after_some_hours(done, call):
+    rows = json.loads(done("later", "--spin", "110", "--seconds", "3h", "--json"))["later"]
+    then = orbits.later(orbits.find(spin=110.0), periods=3 * 3600 * 15)
+    assert [row["when"] for row in rows] == ["at first", "after 3h"]
+    assert [rows[1][name] for name in ("spin", "radius", "period", "zeta")] == [*then[:4]]
+    rows = json.loads(done("later", "--beta0", "20deg", "--periods", "1000", "--json"))["later"]
+    run = dimersweep.simulate(beta0="20 deg", periods=2000, stop_when_settled=True)
+    assert rows[0]["spin"] == orbits.find(run).spin and rows[1]["when"] == "after 1000 periods"
+    told = "dimersweep: error: the start leads to rest, which is on no orbit; give another one, or --spin\n"
+    assert call("later", "--beta0", "5deg", "--seconds", "inf") == ("", told, 2)
+    _, err, code = call("later", "--spin", "110")
+    assert (code, err) == (2, "dimersweep: error: periods: give either periods or seconds, such as seconds='3 h'\n")
+
+
+def test_exponents_of_a_motion(done):
+    how = ["lyapunov", "--Gamma", "3", "--before", "100", "--periods", "60", "--json"]
+    run = dimersweep.simulate(Gamma=3.0, periods=100)
+    (row,), all_of_them = (json.loads(done(*how, *more))["lyapunov"] for more in ([], ["--all"]))
+    found, spectrum = stability.lyapunov(run, 60), stability.spectrum(run, 60)
+    assert row == {**found._asdict()}
+    finite = np.isfinite(spectrum.exponents)
+    assert [row["exponent"] for row in all_of_them] == [*np.where(finite, spectrum.exponents, None)]
+
+
+def test_power_is_that_of_the_energy_budget(done):
+    told = json.loads(done("power", "--f", "16", "--before", "100", "--periods", "50", "--out", "b.nc", "--json"))
+    budget = dimersweep.simulate(f=16, periods=150).energy()
+    for row in told["power"]:
+        mean = float(budget[row["term"]][-50:].mean()) * 16
+        assert row["power"] == pytest.approx(mean, rel=1e-12, abs=1e-18)
+    assert sum(row["power"] for row in told["power"]) == pytest.approx(0, abs=1e-6)  # the walk has settled
+    assert told["table"] == "b.nc" and Path("b.nc").stat().st_size
+
+
+# --- tracks -----------------------------------------------------------------------------------------------------------
+def test_a_track_is_fitted_as_in_python(done):
+    told = json.loads(done(*FIT, "--json", "--out", "fit.txt", "--plot", "fit.png"))
+    table = np.loadtxt("track.csv", delimiter=",", skiprows=1)
+    fit = fits.fit(fits.circle(*table.T, sigma=0.01), {"e": (0.58, 0.75), "spin": (100, 160)}, mu=0.3, mu_s=0.6)
+    rows = {row["parameter"]: row for row in told["fitted"]}
+    for name, value in fit.values.items():
+        assert (rows[name]["value"], rows[name]["error"]) == pytest.approx((value, fit.errors[name]), rel=1e-6)
+    assert told["track"]["path_radius"] == pytest.approx(4.015, abs=1e-6) and told["possible"]
+    assert Path("fit.txt").read_text().splitlines()[0].split() == ["free", "value", "error", "range"]
+    assert Path("fit.png").read_bytes().startswith(b"\x89PNG")
+
+
+HEADS = {  # of tracks, as programs write them, and what a row of them is
+    "no head": "{t} {x} {y}\n",
+    "a line of units": "Frame;Zeit;X;Y\n;[ms];[mm];[mm]\n{k};{ms};{x_mm};{y_mm}\n",
+    "a unit after a slash": "t/s\tx/mm\ty/mm\n{t}\t{x_mm}\t{y_mm}\n",
+    "a name of a body": "mass A,,\nt,x,y\n{t},{x},{y}\n",
+    "further columns": "frame,time_ms,pos_x (mm),pos_y (mm),area\n{k},{ms},{x_mm},{y_mm},7\n",
+    "lost frames": "t,x,y\n0.5,,\n{t},{x},{y}\n",
+}
+
+
+@pytest.mark.parametrize("kind", HEADS)
+def test_tracks_are_read_as_programs_write_them(kind):
+    *head, row = HEADS[kind].splitlines(keepends=True)
+    rows = [
+        row.format(k=k, t=t, x=x, y=y, ms=1e3 * t, x_mm=1e3 * x, y_mm=1e3 * y)
+        for k, (t, x, y) in enumerate(np.loadtxt("track.csv", delimiter=",", skiprows=1))
+    ]
+    if kind == "lost frames":
+        rows[3:3] = [head.pop()]
+    Path("other.csv").write_text("".join([*head, *rows]))
+    seen = table_of(Path("other.csv"))
+    columns = named(Path("other.csv"), seen, {"t": None, "x": None, "y": None}, "xy")
+    found = [
+        as_numbers(name, seen.dropna("sample")[columns[name]], units) for name, units in zip("txy", "smm", strict=True)
+    ]
+    np.testing.assert_allclose(found, np.loadtxt("track.csv", delimiter=",", skiprows=1).T, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        ("frame,x,y\n1,2,3\n2,3,4\n", "has no column t; give --t (there are frame, x, y)"),
+        ("t,x,y,x,y\n1,2,3,1,2\n2,3,4,2,3\n", "has 2 columns x, x, x.4; give --x"),
+        ("t,u,v,w\n1,2,3,1\n2,3,4,2\n", "has no column x; give --x (there are t, u, v, w)"),
+        ("hello\n", "has no columns of numbers"),
+    ],
+)
+def test_a_track_whose_columns_are_not_clear_is_refused(call, table, told):
+    Path("other.csv").write_text(table)
+    assert call("fit", "other.csv", "e=0.5:0.7") == ("", f"dimersweep: error: other.csv: {told}\n", 2)
+
+
+def test_a_fit_that_is_stopped_ends_with_the_best_values(call, monkeypatch):
+    seen = []
+
+    def interrupted(orbit):
+        seen.append(orbit)
+        if len(seen) == 10:
+            signal.raise_signal(signal.SIGINT)
+
+    exit_plainly(monkeypatch)
+    before_each_misfit(monkeypatch, interrupted)
+    _, err, code = call(*FIT, "--plot", "fit.png")
+    values = r"e = \S+, spin = \S+ \(chi-square \S+\), without errors"
+    told = f"dimersweep: interrupted: the best values of the fit so far are {values}"
+    assert code == 130 and re.fullmatch(told, err.splitlines()[-1]) and not Path("fit.png").exists()

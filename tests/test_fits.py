@@ -439,7 +439,7 @@ def test_a_fit_tells_how_far_it_is_and_what_it_does(monkeypatch, capsys, free, l
     lines = capsys.readouterr().err.splitlines()
     for doing in ("looking at the ranges", "descending", last):
         assert any(re.search(rf": {doing}: chi-square \S+$", line) for line in lines), doing
-    counts = [[*map(int, re.match(r"(\d+)/(\d+) steps, \d+ %, elapsed", line).groups())] for line in lines]
+    counts = [[*map(int, re.match(r"(\d+)/(\d+) points, \d+ %, elapsed", line).groups())] for line in lines]
     assert [done for done, total in counts if done >= total] == [counts[-1][1]]
     if last == "estimating errors":
         fits.fit(data, free, progress=False, **SLIPPY)

@@ -165,7 +165,7 @@ def test_a_file_that_is_no_record_is_told(tmp_path):
     with pytest.raises(ParameterError, match=rf"^{path}: has no columns of numbers$"):
         CliRunner().invoke(app, ["waveform", str(path)], catch_exceptions=False)
     path.write_text("t,a,b\n0,1,2\n1,2,3\n")
-    with pytest.raises(ParameterError, match=r"has no column z; give --z \(there are a, b\)$"):
+    with pytest.raises(ParameterError, match=r"has no column z; give --z \(there are t, a, b\)$"):
         CliRunner().invoke(app, ["waveform", str(path)], catch_exceptions=False)
 
 

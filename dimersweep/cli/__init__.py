@@ -12,8 +12,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from dimersweep.cli.drawing import explore, plot
-from dimersweep.cli.finding import attractors, orbits
-from dimersweep.cli.measuring import waveform
+from dimersweep.cli.finding import attractors, later, lyapunov, orbits, power
+from dimersweep.cli.measuring import fit, waveform
 from dimersweep.cli.simulating import simulate
 from dimersweep.cli.sweeping import borders, plan, presets, run, status
 from dimersweep.errors import UserError, unknown
@@ -61,6 +61,13 @@ EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
     orbits: (
         "orbits --e 0.65 --f 22 --A_r 5 --mu 0.1 --mu_s 0.15",
         "orbits --spin 100 --follow Gamma=1.3 --out branch.nc --plot branch.png",
+    ),
+    later: ("later --spin 110 --seconds 3h", "later --e 0.65 --f 22 --A_r 5 --mu 0.1 --mu_s 0.15 --seconds inf"),
+    lyapunov: ("lyapunov --Gamma 3 --periods 300", "lyapunov --Gamma 3 --periods 300 --all --json"),
+    power: ("power --Gamma 0.9 --f 15", "power --A_z 1mm --out budget.nc"),
+    fit: (
+        "fit track.csv e=0.55:0.75 spin=100:160 --mu 0.3 --mu_s 0.6 --plot fit.png",
+        "fit track.csv e=0.55:0.75 --t time --x x1 --y y1 --sigma 2mm --json",
     ),
     waveform: (
         "waveform acc.csv --out plate.toml",

@@ -4,7 +4,7 @@ import warnings
 from collections import Counter
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +22,32 @@ if TYPE_CHECKING:
 
     from dimersweep.studies.declared import Declaration
     from dimersweep.studies.study import Study
+
+
+def check_files(
+    out: Path | None, plot: Path | None, *, force: bool, what: str = "a table", endings: tuple[str, ...] = (".nc",)
+) -> None:
+    """Refuse files that could not be written."""
+    from dimersweep.plots import check_picture
+    from dimersweep.storage.outputs import check_output
+
+    if out is not None:
+        check_output(out, force=force, what=what, endings=endings)
+    if plot is not None:
+        check_picture(plot, force=force, name="plot")
+
+
+def keep(tell: Printer, made: Any, out: Path | None, plot: Path | None, *, force: bool, noun: str = "table") -> None:
+    """Write a table, or what saves itself, and its picture, where they were asked for."""
+    from dimersweep.plots import write_picture
+
+    made = getattr(made, "dimersweep", made)
+    if out is not None:
+        made.save(out, force=force)
+        tell(f"{noun}: {out}", **{noun: str(out)})
+    if plot is not None:
+        write_picture(made.plot(), plot, force=force)
+        tell(f"picture: {plot}", picture=str(plot))
 
 
 @telling

@@ -1,13 +1,27 @@
 """The commands for the orbits of one dimer, and for the motions that many starts come to."""
 
-from pathlib import Path
+from math import nan
 from typing import TYPE_CHECKING, Annotated, Any
 
+from dimersweep.cli.drawing import check_files, keep
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import OUTPUT, Force, Workers, argument, number_option, option, with_parameters
+from dimersweep.cli.options import (
+    Accuracy,
+    Drawn,
+    Force,
+    Spin,
+    Table,
+    Workers,
+    argument,
+    number_option,
+    option,
+    parted,
+    typed,
+    with_parameters,
+)
 from dimersweep.cli.printing import Printer, telling
 from dimersweep.errors import ParameterError
-from dimersweep.symbols import PARAMETERS, units_shown
+from dimersweep.symbols import QUANTITIES, WORKS, units_shown
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,9 +32,10 @@ OF_POINTS = ("special", "change", "spin", "radius", "period", "stable")
 OF_ATTRACTORS = ("attractor", "mode", "share", "share_low", "share_high", "periods", "stable", "radius", "spin")
 OF_FATES = ("fate", "spin_low", "spin_high")
 HEADS = {"word": "sequence"}  # of columns that have other names in files
+OF_LATER = ("spin", "radius", "period", "zeta")
+SETTLING = 2000  # forcing periods in which a start has settled on its orbit, if it does
 
-Table = Annotated[Path | None, option("File to keep the result in (NetCDF).", group=OUTPUT)]
-Drawn = Annotated[Path | None, option("Picture of it.", group=OUTPUT)]
+Before = Annotated[int, number_option("Forcing periods that are run before.", int)]
 
 
 @telling
@@ -28,10 +43,7 @@ Drawn = Annotated[Path | None, option("Picture of it.", group=OUTPUT)]
 def orbits(
     tell: Printer,
     *,
-    spin: Annotated[
-        str | None,
-        option("Axial spin (rad/s, or 1000rpm) of the orbit to find; else the circles that last.", metavar="NUMBER"),
-    ] = None,
+    spin: Spin = None,
     follow: Annotated[
         str | None, option("Follow that orbit in a parameter to a value, such as Gamma=1.3.", metavar="NAME=VALUE")
     ] = None,
@@ -45,8 +57,8 @@ def orbits(
         raise ParameterError("--follow and --plot need --spin, that of the orbit")
     if spin is not None and follow is None and out is not None:
         raise ParameterError("--out needs --follow, or no --spin: one orbit is no table")
-    _check_files(out, plot, force=force)
-    given = {each: value for each, value in parameters.items() if value is not None}
+    check_files(out, plot, force=force)
+    given = typed(parameters)
     with interruptible(out, plot):
         tell.report_compiling()
         from dimersweep import orbits as found
@@ -55,17 +67,102 @@ def orbits(
         if spin is None:
             circles = found.sustained(**given)
             _print(tell, "circles", circles, OF_CIRCLES)
-            return _keep(tell, circles, out, None, force=force)
+            return keep(tell, circles, out, None, force=force)
         orbit = found.find(spin=spin, **given)
         _print(tell, "orbits", dataset((orbit, *orbit.others), "orbit"), OF_ORBITS)
         if follow is None:
-            return _keep(tell, orbit, None, plot, force=force)
+            return keep(tell, orbit, None, plot, force=force)
         name, _, to = follow.partition("=")
         branch = found.follow(orbit, name, to=to)
         special = branch.isel(point=branch["special"].values != 0)
         _print(tell, "special_points", special, (name, *OF_POINTS))
         tell(f"end of the branch: {branch.attrs['end']}", end=branch.attrs["end"])
-        return _keep(tell, branch, out, plot, force=force)
+        return keep(tell, branch, out, plot, force=force)
+
+
+@telling
+@with_parameters
+def later(
+    tell: Printer,
+    *,
+    spin: Spin = None,
+    seconds: Annotated[str | None, option("Time (s, or 3h), or inf.", metavar="NUMBER")] = None,
+    periods: Annotated[float | None, number_option("Time in forcing periods, in place of seconds.")] = None,
+    **parameters: Any,
+) -> None:
+    """Print on which circle a dimer walks after some hours, or in the end."""
+    given = typed(parameters)
+    tell.report_compiling()
+    from dimersweep import orbits as found
+    from dimersweep.runs.simulating import simulate
+
+    start = None if spin is not None else simulate(periods=SETTLING, stop_when_settled=True, **given)
+    if start is not None and not start.mode_period:
+        raise ParameterError(f"the start leads to {start.mode}, which is on no orbit; give another one, or --spin")
+    orbit = found.find(start, spin=spin, **given)
+    then = found.later(orbit, periods=periods, seconds=seconds)
+    rows = [("at first", *(getattr(orbit, name) for name in OF_LATER), "")]
+    rows += [
+        (f"leap after {leap.after:.6g} periods", leap.spin[1], leap.radius[1], nan, nan, "") for leap in then.leaps
+    ]
+    time = f"{periods:g} periods" if seconds is None else seconds if seconds[-1:].isalpha() else f"{seconds} s"
+    rows.append((f"after {time}", *(getattr(then, name) for name in OF_LATER), then.mode))
+    tell.rows(
+        "later", {"when": "", **{name: units_shown(QUANTITIES[name].units) for name in OF_LATER}, "mode": ""}, rows
+    )
+
+
+@telling
+@with_parameters
+def lyapunov(
+    tell: Printer,
+    *,
+    before: Before = 200,
+    periods: Annotated[int, number_option("Forcing periods that count.", int)] = 1000,
+    every: Annotated[bool, option("Print all exponents, not the largest alone.", "--all")] = False,
+    rtol: Accuracy = 1e-8,
+    **parameters: Any,
+) -> None:
+    """Print the largest Lyapunov exponent of the motion that a start leads to, or all of them."""
+    given = typed(parameters)
+    tell.report_compiling()
+    from dimersweep.runs.growth import lyapunov, spectrum
+    from dimersweep.runs.simulating import simulate
+
+    run = simulate(periods=before, rtol=rtol, **given)
+    found = spectrum(run, periods) if every else lyapunov(run, periods)
+    columns = found[:-1] if every else [[each] for each in found[:-1]]
+    tell(f"mode after {before} periods: {run.mode}", mode=run.mode)
+    units = {"exponent": "1/s", "error": "1/s", "per_period": "", "periods": ""}
+    tell.rows("lyapunov", units, [(*map(float, row), found.periods) for row in zip(*columns, strict=True)])
+
+
+@telling
+@with_parameters
+def power(
+    tell: Printer,
+    *,
+    before: Before = 200,
+    periods: Annotated[int, number_option("Forcing periods whose mean is taken.", int)] = 100,
+    rtol: Accuracy = 1e-8,
+    out: Table = None,
+    force: Force = False,
+    **parameters: Any,
+) -> None:
+    """Print the power that the plate gives a dimer, and what restitution and slip take of it, at each end."""
+    given = typed(parameters)
+    check_files(out, None, force=force)
+    with interruptible(out):
+        tell.report_compiling()
+        from dimersweep.runs.simulating import simulate
+
+        run = simulate(periods=before + periods, rtol=rtol, **given)
+        budget = run.energy()
+        works = budget.isel(n=slice(-periods, None)).mean("n") * run.parameters["f"]
+        rows = [(name, float(works[name])) for name in WORKS if name != "energy"]
+        tell(f"mode: {run.mode}; the budget closes to {budget.closure:.1e}", mode=run.mode, closure=budget.closure)
+        tell.rows("power", {"term": "", "power": "W"}, rows)
+        keep(tell, budget, out, None, force=force)
 
 
 @telling
@@ -81,7 +178,7 @@ def attractors(
     ] = None,
     slow: Annotated[bool, option("Tell starts apart by where their spin comes to in the end.", "--slow")] = False,
     periods: Annotated[int, number_option("Forcing periods of each run at most.", int)] = 1000,
-    rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
+    rtol: Accuracy = 1e-8,
     workers: Workers = None,
     out: Table = None,
     plot: Drawn = None,
@@ -89,10 +186,10 @@ def attractors(
     **parameters: Any,
 ) -> None:
     """Print which motions there are, and the share of drawn starts that comes to each."""
-    _check_files(out, plot, force=force)
-    fixed = {each: value for each, value in parameters.items() if value is not None}
-    drawn = dict(_parted(each, 2) for each in ranges)
-    name, values = _parted(over, 3) if over else ("", [])
+    check_files(out, plot, force=force)
+    fixed = typed(parameters)
+    drawn = dict(parted(each, 2) for each in ranges)
+    name, values = parted(over, 3) if over else ("", [])
     with interruptible(out, plot):
         tell.report_compiling()
         from dimersweep.studies.attractors import attractors
@@ -111,28 +208,7 @@ def attractors(
         )
         heads = (*([name] if over else ()), *OF_ATTRACTORS, *(OF_FATES if slow else ()))
         _print(tell, "attractors", found, heads)
-        _keep(tell, found, out, plot, force=force)
-
-
-def _check_files(out: Path | None, plot: Path | None, *, force: bool) -> None:
-    """Refuse files that could not be written."""
-    from dimersweep.plots import check_picture
-    from dimersweep.storage.outputs import TABLES, check_output
-
-    if out is not None:
-        check_output(out, force=force, what="a table", endings=TABLES)
-    if plot is not None:
-        check_picture(plot, force=force, name="plot")
-
-
-def _parted(text: str, count: int) -> tuple[str, list[Any]]:
-    """The name and the values in a text such as Gamma=0.8:1:0.05."""
-    name, _, values = text.partition("=")
-    parts = values.split(":")
-    if name not in PARAMETERS or len(parts) != count:
-        ways = {2: "NAME=LOW:HIGH, such as beta0=1deg:89deg", 3: "NAME=START:STOP:STEP, such as Gamma=0.8:1:0.05"}
-        raise ParameterError(f"{text!r}: must be {ways[count]}")
-    return name, parts
+        keep(tell, found, out, plot, force=force)
 
 
 def _print(tell: Printer, name: str, table: "xr.Dataset", columns: tuple[str, ...]) -> None:
@@ -144,15 +220,3 @@ def _print(tell: Printer, name: str, table: "xr.Dataset", columns: tuple[str, ..
         frame = frame[frame["mode"] != "not_run"]  # over a parameter: an attractor that is not there
     units = {HEADS.get(each, each): units_shown(table[each].attrs.get("units", "1")) for each in columns}
     tell.rows(name, units, frame.itertuples(index=False, name=None))
-
-
-def _keep(tell: Printer, made: Any, out: Path | None, plot: Path | None, *, force: bool) -> None:
-    """Write a table, and the picture of that or of an orbit, where they were asked for."""
-    if out is not None:
-        from dimersweep.storage.cubefiles import write_cube
-
-        write_cube(made, out, force=force)
-        tell(f"table: {out}", table=str(out))
-    if plot is not None:
-        getattr(made, "dimersweep", made).plot(path=plot, force=force)
-        tell(f"picture: {plot}", picture=str(plot))

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import WAVES
 from dimersweep.symbols import BASE, GIVEN, HIGHER, INSTEAD, LEFT_OUT, START, value_shown
 
@@ -46,10 +47,29 @@ def number_option(meaning: str, kind: type = float) -> Any:
     return option(meaning, parser=read, metavar=metavar)
 
 
+Table = Annotated[Path | None, option("File to keep the result in (NetCDF).", group=OUTPUT)]
+Drawn = Annotated[Path | None, option("Picture of it.", group=OUTPUT)]
+Spin = Annotated[str | None, option("Axial spin of the orbit (rad/s, or 1000rpm).", metavar="NUMBER")]
 Force = Annotated[bool, option("Replace files that exist.", "--force", group=OUTPUT)]
 Workers = Annotated[int | None, number_option("Threads; one for each core by default.", int)]
 Periods = Annotated[int | None, number_option("Forcing periods, in place of the declared ones.", int)]
 Rtol = Annotated[float | None, number_option("Accuracy, in place of the declared one.")]
+Accuracy = Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")]
+
+
+def typed(parameters: dict[str, Any]) -> dict[str, Any]:
+    """Return the parameters that were typed, of the options that `with_parameters` gives."""
+    return {name: value for name, value in parameters.items() if value is not None}
+
+
+def parted(text: str, count: int, also: tuple[str, ...] = ()) -> tuple[str, list[Any]]:
+    """Return the name of a parameter, or one of `also`, and the values in a text such as Gamma=0.8:1:0.05."""
+    name, _, values = text.partition("=")
+    parts = values.split(":")
+    if name not in (*PARAMETERS, *also) or len(parts) != count:
+        ways = {2: "NAME=LOW:HIGH, such as beta0=1deg:89deg", 3: "NAME=START:STOP:STEP, such as Gamma=0.8:1:0.05"}
+        raise ParameterError(f"{text!r}: must be {ways[count]}")
+    return name, parts
 
 
 def in_lines(text: str) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import OUTPUT, Force, in_lines, number_option, option, with_parameters
+from dimersweep.cli.options import OUTPUT, Force, in_lines, number_option, option, typed, with_parameters
 from dimersweep.cli.printing import Printer, print_table, telling
 from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
 from dimersweep.runs.outcomes import Absent
@@ -39,7 +39,7 @@ def simulate(
     **parameters: Any,
 ) -> None:
     """Run one dimer and print its mode and its orbit."""
-    parameters = {name: value for name, value in parameters.items() if value is not None}
+    parameters = typed(parameters)
     if plot is not None:
         from dimersweep.plots import check_picture
 

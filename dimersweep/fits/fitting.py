@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 from signal import SIGINT
 from threading import current_thread, main_thread
-from typing import NamedTuple, TypeVar, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -27,8 +27,6 @@ from dimersweep.orbits.poincare import Recorder
 from dimersweep.plots.style import Look
 from dimersweep.symbols import PARAMETERS, units_shown
 from dimersweep.work.progress import Tally, watch
-
-T = TypeVar("T")
 
 FIRST_LOOKS = 8  # points of the ranges that are looked at for each free parameter, and once more
 MOST_CORNERED = 3  # free parameters up to which their corners are looked at, too
@@ -167,11 +165,11 @@ class Fit:
         lines = [f"{'free':<14}{'value':>10}{'error':>13}   range"]
         for name, (low, high) in self.ranges.items():
             lines.append(
-                f"{name:<14}{self.values[name]:>10.6g}{errors[name]:>13.2g}   {low:g} to {high:g} {_unit(name)}".rstrip()
+                f"{name:<14}{self.values[name]:>10.6g}{errors[name]:>13.2g}   {low:g} to {high:g} {unit_of(name)}".rstrip()
             )
         lines.append(f"{'measured':<14}{'value':>10}{'error':>13}{'fitted':>13}")
         rows = zip(self.measured.names, self.measured.values, self.measured.errors, self.predicted, strict=True)
-        lines += [f"{n:<14}{v:>10.6g}{s:>13.2g}{p:>13.6g} {_unit(n)}".rstrip() for n, v, s, p in rows]
+        lines += [f"{n:<14}{v:>10.6g}{s:>13.2g}{p:>13.6g} {unit_of(n)}".rstrip() for n, v, s, p in rows]
         lines.append(f"chi-square {self.chi_square:.3g}; a greater one has a probability of {self.probability:.2g}")
         return "\n".join([*lines, *self.notes, *self.undetermined, f"cost: {self.cost:,.0f} forcing periods"])
 
@@ -193,7 +191,7 @@ def fit(
     measured: Mapping[str, tuple[float, float]] | Measured | Track,
     free: Mapping[str, tuple[float, float]],
     *,
-    spin: float | None = None,
+    spin: float | str | None = None,
     rtol: float = RTOL,
     progress: bool = True,
     **parameters: float,
@@ -242,7 +240,7 @@ def fit(
     """
     likelihood = Likelihood(measured, free, spin=spin, rtol=rtol, **parameters)
     shown = check_switch("progress", progress) and current_thread() is main_thread()  # two bars at a time are an error
-    with watch(1, {}, lambda: 1, show=shown, noun="steps") as tally:
+    with watch(1, {}, lambda: 1, show=shown) as tally:
         search = _Search(likelihood, tally)
         try:
             found = _fitted(search)
@@ -311,8 +309,8 @@ class _Search:
         self.tally.tell(self.doing + best)
         return self.last
 
-    def steps(self, doing: str, items: Sequence[T]) -> Iterator[T]:
-        """Go through items, each of which is a step of what is done."""
+    def steps(self, doing: str, items: Sequence[Any]) -> Iterator[Any]:
+        """Go through items, each of which counts as a point of what is done."""
         self.doing = doing
         self.tally.expect(self.tally.total + len(items))
         for each in items:
@@ -571,5 +569,5 @@ def _listed(values: dict[str, float]) -> str:
     return ", ".join(f"{name} = {value:.4g}" for name, value in values.items())
 
 
-def _unit(name: str) -> str:
+def unit_of(name: str) -> str:
     return units_shown(MEASURABLE[name].units if name in MEASURABLE else PARAMETERS[name].units)

@@ -54,7 +54,7 @@ class Likelihood:
         measured: Mapping[str, tuple[float, float]] | Measured | Track,
         free: Mapping[str, tuple[float, float]],
         *,
-        spin: float | None = None,
+        spin: float | str | None = None,
         rtol: float = RTOL,
         **parameters: float,
     ) -> None:

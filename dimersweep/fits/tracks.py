@@ -130,7 +130,7 @@ class Track:
         return f"<Track: {'; '.join([f'{words}, error of a coordinate {self.sigma:.2g} m', *self.notes])}>"
 
 
-def circle(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
+def circle(t: Any, x: Any, y: Any, sigma: float | str | None = None) -> Track:
     """The circle that a track of the centre of mass goes round evenly.
 
     Parameters
@@ -164,7 +164,7 @@ def circle(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
     return _track(t, x, y, sigma, moving=False)
 
 
-def cycloid(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
+def cycloid(t: Any, x: Any, y: Any, sigma: float | str | None = None) -> Track:
     """The cycloid that fits a track: even motion on a circle whose centre moves evenly, as on a plate not quite level.
 
     Parameters
@@ -194,12 +194,12 @@ def cycloid(t: Any, x: Any, y: Any, sigma: float | None = None) -> Track:
     return _track(t, x, y, sigma, moving=True)
 
 
-def _track(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> Track:
-    times, place, sigma = _checked(t, x, y, sigma, moving)
+def _track(t: Any, x: Any, y: Any, sigma: float | str | None, moving: bool) -> Track:
+    times, place, scatter = _checked(t, x, y, sigma, moving)
     minima = _minima(_scaled(times), place, moving)
     speeds = [abs(rate * coefficients[-1]) / np.ptp(times) for rate, coefficients in minima]
     slow = [each for each, speed in zip(minima, speeds, strict=True) if speed <= FASTER * max(speeds[0], FAST_TURN)]
-    track, *others = [_read(times, place, sigma, each) for each in slow]
+    track, *others = [_read(times, place, scatter, each) for each in slow]
     radius, error = track.values["path_radius"], track.errors["path_radius"]
     if not error < radius:
         raise ParameterError(f"track: turns by too little to tell its radius, {radius:.3g} ± {error:.2g} m")
@@ -245,7 +245,7 @@ def _read(times: np.ndarray, place: np.ndarray, sigma: float | None, minimum: Mi
     )
 
 
-def _checked(t: Any, x: Any, y: Any, sigma: float | None, moving: bool) -> tuple[np.ndarray, np.ndarray, float | None]:
+def _checked(t: Any, x: Any, y: Any, sigma: Any, moving: bool) -> tuple[np.ndarray, np.ndarray, float | None]:
     """Times and places x + iy of a track, each row once, and the error of a coordinate where it is given."""
     given = (("t", t, "s"), ("x", x, "m"), ("y", y, "m"))
     times, *places = (as_numbers(name, values, units) for name, values, units in given)

@@ -140,10 +140,7 @@ def _time(periods: Any, seconds: Any, known: Mapping[Any, Any], *, endless: bool
     name, time, units = ("periods", periods, "1") if seconds is None else ("seconds", seconds, "s")
     if endless and str(time) == "inf":
         return np.inf
-    number = as_number(name, time, units)
-    if seconds is not None and "f" not in known:
-        raise ParameterError("seconds: the table does not tell f; give periods")
-    return number if seconds is None else number * float(known["f"])
+    return as_number(name, time, units) * (1.0 if seconds is None else float(known["f"]))
 
 
 def _within_family(stretches: list[Stretch], spin: float, periods: float) -> float:

@@ -34,8 +34,6 @@ class Tally:
         How many run at a time; they may come and go.
     show : callable
         Is given it whenever it has changed.
-    noun : str
-        Name of what is counted.
     """
 
     def __init__(
@@ -44,9 +42,8 @@ class Tally:
         before: Mapping[str, int] | None = None,
         workers: Callable[[], int] = lambda: 1,
         show: "Callable[[Tally], None]" = lambda tally: None,
-        noun: str = "points",
     ) -> None:
-        self.total, self.workers, self.show, self.noun = total, workers, show, noun
+        self.total, self.workers, self.show = total, workers, show
         self.doing = ""  # what is done at the moment, in words, in place of the modes
         self.modes: Counter[str] = Counter(before or {})
         # tasks that were run; points of all but the first, and their time
@@ -117,7 +114,7 @@ def in_lines(
         if now - last < seconds and tally.done < tally.total:
             return
         last = now
-        share = f"{tally.done}/{tally.total} {tally.noun}, {100 * tally.done // tally.total} %"
+        share = f"{tally.done}/{tally.total} points, {100 * tally.done // tally.total} %"
         write(f"{share}, elapsed {tally.elapsed}, left {tally.time_left()}: {tally.words()}", tally)
 
     return show
@@ -155,27 +152,24 @@ def _report_seconds() -> None:
 
 
 @contextmanager
-def watch(
-    total: int, before: Mapping[str, int], workers: Callable[[], int], *, show: bool, noun: str = "points"
-) -> Iterator[Tally]:
+def watch(total: int, before: Mapping[str, int], workers: Callable[[], int], *, show: bool) -> Iterator[Tally]:
     """A `Tally`, which is shown if it is to be: as a bar in a notebook, as one on a terminal, as lines in a log (stderr)."""
     console = Console(stderr=True)
     if not show:
-        yield Tally(total, before, workers, noun=noun)
+        yield Tally(total, before, workers)
         return
     bar = notebook_bar()
     if bar or not console.is_terminal:
         if done := sum(before.values()):
             print(f"going on: {done} of {total} points are done", file=sys.stderr, flush=True)
-        yield Tally(total, before, workers, bar or in_lines(), noun)
+        yield Tally(total, before, workers, bar or in_lines())
         return
     left = TextColumn("{task.fields[left]}", style="progress.remaining")
     # the bar and the words share what the numbers leave of the width
     bar_column = BarColumn(bar_width=None, table_column=Column(ratio=1))
     words = TextColumn("{task.description}", table_column=Column(ratio=2, no_wrap=True))
-    with Progress(
-        bar_column, MofNCompleteColumn(), TextColumn(noun), left, words, console=console, expand=True
-    ) as display:
+    columns = (bar_column, MofNCompleteColumn(), TextColumn("points"), left, words)
+    with Progress(*columns, console=console, expand=True) as display:
         task = display.add_task("", total=total, left="")
 
         def move(tally: Tally) -> None:
@@ -183,6 +177,6 @@ def watch(
             time = tally.elapsed if tally.doing or tally.done >= tally.total else tally.time_left()
             display.update(task, total=tally.total, completed=tally.done, description=tally.words(), left=time)
 
-        tally = Tally(total, before, workers, move, noun)
+        tally = Tally(total, before, workers, move)
         move(tally)
         yield tally
