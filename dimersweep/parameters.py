@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import make_dataclass
+from functools import lru_cache
 from math import inf, nextafter, pi
 from os import PathLike
 from pathlib import Path
@@ -286,14 +287,34 @@ def moved_on(plate: Mapping[str, Any], by: Any) -> dict[str, Any]:
 
 def value_of(name: str, columns: Mapping[str, Any]) -> Any:
     """The value or values of a parameter, which may be left out (`symbols.LEFT_OUT`), from those that `columns` gives."""
-    if name in columns:
-        return columns[name]
-    if name == "k_ratio":
-        r_1, r_2 = value_of("r_1", columns), value_of("r_2", columns)
-        return None if r_1 is None or r_2 is None else np.sqrt(np.divide(r_2, r_1))
-    both = next((both for both, ends in ENDS.items() if name in ends and both in columns), None)
+    source = _source(name, columns)
+    if not isinstance(source, str) or source in columns:
+        return columns[source] if isinstance(source, str) else source
+    r_1, r_2 = value_of("r_1", columns), value_of("r_2", columns)
+    return None if r_1 is None or r_2 is None else np.sqrt(np.divide(r_2, r_1))
+
+
+def _source(name: str, given: Collection[str]) -> str | float | None:
+    """The parameter in `given` that tells the value of one, the ratio of stiffnesses if both radii do, or a number."""
+    if name in given or name == "k_ratio":
+        return name
+    both = next((both for both, ends in ENDS.items() if name in ends and both in given), None)
     value = LEFT_OUT.get(name) if both is None else both
-    return value_of(value, columns) if isinstance(value, str) else value
+    return _source(value, given) if isinstance(value, str) else value
+
+
+@lru_cache
+def _sources(given: tuple[str, ...]) -> list[tuple[int, str | float | None]]:
+    """Slots of a kernel row, and where the value of each comes from if these parameters are given; all others are zero."""
+    known = [(slot, _source(name, given)) for slot, name in enumerate(ROW) if name in given or name not in HIGHER]
+    return [(slot, source) for slot, source in known if source != 0.0]
+
+
+def slots_of(name: str, given: Iterable[str]) -> list[int]:
+    """Slots of a kernel row that hold the value of one of the parameters given; none if others depend on it."""
+    sources = _sources(tuple(given))
+    tied = any(source == "k_ratio" for _, source in sources) and name in ("r", *ENDS["r"]) and "k_ratio" not in given
+    return [] if tied else [slot for slot, source in sources if source == name]
 
 
 def completed(columns: Mapping[str, Any]) -> dict[str, Any]:
@@ -379,9 +400,8 @@ def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
         One row a point, in the order of ``kernel.layout.ROW``.
     """
     rows = np.zeros((n, N_ROW))
-    for slot, name in enumerate(ROW):
-        if name in columns or name not in HIGHER:
-            rows[:, slot] = value_of(name, columns)
+    for slot, source in _sources(tuple(columns)):
+        rows[:, slot] = value_of(source, columns) if isinstance(source, str) else source
     return rows
 
 

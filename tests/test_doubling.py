@@ -1,7 +1,6 @@
 """How a period doubles at a flip: its coefficient, against closed forms and the doubled orbit itself."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,8 +18,8 @@ class KnownMap:
     def __init__(self, formula):
         self.formula = formula
 
-    def image(self, z):
-        return SimpleNamespace(point=np.array(self.formula(*z)))
+    def images(self, points):
+        return np.array([self.formula(*z) for z in points])
 
 
 def fixed_point(m, z):

@@ -5,7 +5,7 @@ import pytest
 
 from dimersweep import names, orbits
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.passage import TURN, longest_hop
+from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.specials import NO_GAP, least_gap
 
 GRAZING = {"A_r": 7.0, "e": 0.46}  # p1 begins to strike on its way down, and its hop falls from 0.529 to 0.455 periods
@@ -17,8 +17,7 @@ def gap_of(orbit):
 
 
 def hop_of(orbit):
-    passage = orbit.fixed.image.passage
-    return longest_hop(passage.events, 0, passage.times[-1]) / TURN
+    return orbit.fixed.image.passage.hops[0] / TURN
 
 
 @pytest.fixture(scope="module")

@@ -74,7 +74,7 @@ def test_no_dimer_stands_steeper_than_it_is_long():
     z = np.zeros(m.free.size)
     z[0] = 1.5 * m.section.dm.l / m.section.units[0]
     with pytest.raises(OrbitLost, match="steep"):
-        m.state(z)
+        m.image(z)
 
 
 def test_a_curve_costs_little_and_does_not_depend_on_its_points():
@@ -237,8 +237,8 @@ class KnownMap:
     def __init__(self, formula, a):
         self.formula, self.a = formula, a
 
-    def image(self, z):
-        return SimpleNamespace(point=np.array(self.formula(self.a, *z)))
+    def images(self, points):
+        return np.array([self.formula(self.a, *z) for z in points])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

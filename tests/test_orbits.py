@@ -207,7 +207,7 @@ def test_what_is_no_orbit_is_told_in_one_line():
 @pytest.mark.parametrize(("status", "error"), [(IMPACT_STEPS, KernelError), (MAX_EVENTS, OrbitError)])
 def test_a_fault_of_the_kernel_is_not_taken_for_a_missing_orbit(monkeypatch, status, error):
     """A border has it as the status of a point."""
-    monkeypatch.setattr(poincare, "advance", lambda *_: status)
+    monkeypatch.setattr(poincare, "images", lambda *_: (status, 1))
     with pytest.raises(error, match=STATUS_MESSAGES[status][:40]):
         orbits.find(spin=100.0)
     with pytest.raises(OrbitError) as told:

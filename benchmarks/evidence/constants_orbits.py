@@ -182,13 +182,18 @@ def answers(file: str) -> dict[str, tuple[list[Any], float]]:
     from dimersweep.orbits import poincare
 
     spent = [0.0]
-    advance = poincare.advance
+    advance, images = poincare.advance, poincare.images
 
-    def counted(*given: Any) -> int:
+    def run(*given: Any) -> int:
         spent[0] += given[3].periods
         return int(advance(*given))
 
-    poincare.advance = counted
+    def mapped(*given: Any) -> tuple[int, int]:
+        status, count = images(*given)
+        spent[0] += count * given[6].periods
+        return status, count
+
+    poincare.advance, poincare.images = run, mapped
     found = {}
     for name, ask in questions().items():
         if not name.startswith(ASKED_OF.get(file.removeprefix("orbits."), "")):

@@ -171,7 +171,7 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, space, record, a
     motion = motion_of(space.state, space.modes, space.past, space)
     state, mode, work = motion.state, motion.modes, motion.work
     ask = Ask(1, rtol, rtol, False, False)
-    dm = space.dimer
+    dm = space.dimer[0]
     for _ in range(turns):
         last = -1
         for k in range(scene.shape[0]):

@@ -78,7 +78,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
     """
     run = motion_of(space.state, space.modes, space.past, space)
     later = motion_of(space.later_state, space.later_modes, space.later_past, space)
-    dm, kept = space.dimer, without_rows(record)
+    dm, kept = space.dimer[0], without_rows(record)
     for k in range(rows.shape[0]):
         outcome, code = out[k, :N_OUT].view(OUTCOME_TYPE)[0], codes[k, :N_CODES].view(CODES_TYPE)[0]
         set_dimer(rows[k], dm)

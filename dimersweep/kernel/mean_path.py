@@ -41,7 +41,7 @@ def note_path(dm, ask, run, later, space, record, out):
     int
         OK or the reason why there is none.
     """
-    state, moved = later.state, space.later_dimer
+    state, moved = later.state, space.later_dimer[0]
     copy(run.state, state, N_STATE)
     copy(run.modes, later.modes, 2)
     state[X1] = state[Y1] = state[GAMMA] = 0.0  # only how far they go counts

@@ -1,16 +1,34 @@
-"""The return map: whole forcing periods from any state."""
+"""The return map: whole forcing periods from any state, and the images of points of a section (``section``)."""
 
-from dimersweep.kernel.compiler.jit import exported
-from dimersweep.kernel.course import motion_of
+from dimersweep.kernel.compiler.jit import compiled, exported
+from dimersweep.kernel.course import Ask, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.model.body import set_dimer
-from dimersweep.kernel.model.layout import PERIOD
-from dimersweep.kernel.record import clear_counts
+from dimersweep.kernel.model.layout import N_ROW, OK, PERIOD, PHASE, ROW_PHI0, SPIN, THETA
+from dimersweep.kernel.model.plate import start_later
+from dimersweep.kernel.numerics.sincos import TWO_PI
+from dimersweep.kernel.numerics.steps import copy
+from dimersweep.kernel.passage import R_SPIN, read_passage
+from dimersweep.kernel.record import EVENT_ROWS, SEGMENT_ROWS, clear_counts, without_rows
+from dimersweep.kernel.section import N_POINT, SPIN_COORDINATE, set_point, set_state
 from dimersweep.kernel.verdict.past import begin_past
+
+# why there is no image: an end is below the plate, or higher above the other one than the dimer is long; the motion comes to
+# another contact at the section
+BELOW, STEEP, OTHER_CONTACT = -3, -2, -1
+
+
+@compiled
+def move_on(dm, state, modes, ask, space, record):
+    """`advance` with the dimer filled in, and without what is read off the record, to which rows are added."""
+    motion = motion_of(state, modes, space.past, space)
+    begin_past(motion.past[0])
+    state[PERIOD] = 0.0
+    return evolve(dm, ask, motion, record)[0]
 
 
 @exported
-def advance(row, state, modes, ask, space, record):
+def advance(row, state, modes, ask, space, record, reading):
     """Move a state on to the end of a forcing period, over so many such ends, with a record of the way if one is wanted.
 
     Parameters
@@ -27,16 +45,137 @@ def advance(row, state, modes, ask, space, record):
         Scratch.
     record : Record
         Filled in place where it has rows; its counts become those of these periods.
+    reading : Reading
+        Of one passage; filled in from the record.
 
     Returns
     -------
     int
         OK or the reason why not.
     """
-    motion = motion_of(state, modes, space.past, space)
-    begin_past(motion.past[0])
+    set_dimer(row, space.dimer[0])
     clear_counts(record.counts)
-    state[PERIOD] = 0.0
-    set_dimer(row, space.dimer)
-    status, _ = evolve(space.dimer, ask, motion, record)
+    status = move_on(space.dimer[0], state, modes, ask, space, record)
+    if status == OK:
+        read_passage(space.dimer[0], state, record, 0, 0, 0, space.later_state, reading)
     return status
+
+
+@exported
+def images(row, units, points, free, section, modes, ask, chained, space, record, reading, found):
+    """Images of points of a section after the same periods, one after the other.
+
+    Parameters
+    ----------
+    row : float64 array, shape (N_ROW,)
+        Parameters in the order of ``layout.ROW``, SI units; the start in it is not used.
+    units : float64 array, shape (N_POINT,)
+        Of the coordinates of the section.
+    points : float64 array, shape (n, k)
+        In the coordinates that are free in the contact at the section.
+    free : int64 array, shape (k,)
+        Numbers of these.
+    section : float64 array, shape (3,)
+        Phase of the plate at the section; the phase at which the spin is put back in each period [rad], and the spin [rad/s],
+        NaN if it is not.
+    modes : float64 array, shape (2,)
+        Friction modes of the ends at the section.
+    ask : Ask
+        What is asked of the periods.
+    chained : bool
+        Whether each point but the first is the image of the one before, filled in here.
+    space : Workspace
+        Scratch.
+    record : Record
+        Filled in place: the rows of all passages, one after the other; of each that from where the spin was last put back.
+    reading : Reading
+        Of n passages; filled in. The spin of one in which it is put back is that before.
+    found : float64 array, shape (n, k)
+        Images, filled in.
+
+    Returns
+    -------
+    status, made : int, int
+        OK or the reason why the last image is none; number of images, that one among them.
+    """
+    phase, back, spin = section[0], section[1], section[2]
+    dm = space.dimer[0]
+    set_started(row, phase, space.row, dm)
+    if spin == spin:
+        set_started(row, back, space.row, space.later_dimer[0])
+    clear_counts(record.counts)
+    for k in range(points.shape[0]):
+        if chained and k > 0:
+            copy(found[k - 1], points[k], points.shape[1])
+        status = image(units, points[k], free, section, modes, ask, space, record, reading, k, found[k])
+        if status != OK:
+            return status, k + 1
+    return OK, points.shape[0]
+
+
+@compiled
+def set_started(row, phase, later, dm):
+    """Fill in the dimer of a row on a plate that is at `phase` at the start; the row `later` is scratch."""
+    copy(row, later, N_ROW)
+    start_later(later, phase - row[ROW_PHI0])
+    later[ROW_PHI0] = phase % TWO_PI
+    set_dimer(later, dm)
+
+
+@compiled
+def image(units, z, free, section, modes, ask, space, record, reading, k, found):
+    """The k-th of the images; see `images`. Returns OK or the reason why not."""
+    dm, state, reached, point = space.dimer[0], space.state, space.modes, space.twin_state[:N_POINT]
+    for j in range(N_POINT):
+        point[j] = 0.0
+    for j in range(free.shape[0]):
+        point[free[j]] = z[j]
+    if point[0] < 0.0 or point[1] < 0.0:
+        return BELOW
+    if not abs(point[1] - point[0]) * units[0] < dm.l:
+        return STEEP
+    set_state(dm, units, point, modes, state)
+    begin, fixed, before = ask, section[2] == section[2], 0.0
+    if fixed:
+        status, before = to_fixed_spin(units, section, ask, space, record, point)
+        if status != OK:
+            return status
+        begin = Ask(1, ask.rtol, ask.close, ask.settle, ask.path)
+    first_event, first_segment = record.counts[EVENT_ROWS], record.counts[SEGMENT_ROWS]
+    reached[0], reached[1] = 0.0, 0.0
+    status = move_on(dm, state, reached, begin, space, record)
+    if status != OK:
+        return status
+    read_passage(dm, state, record, first_event, first_segment, k, space.later_state, reading)
+    if fixed:
+        reading.rows[k, R_SPIN] = before
+    if reached[0] != modes[0] or reached[1] != modes[1]:
+        return OTHER_CONTACT
+    set_point(state, units, point)
+    for j in range(free.shape[0]):
+        found[j] = point[free[j]]
+    return OK
+
+
+@compiled
+def to_fixed_spin(units, section, ask, space, record, point):
+    """Move the state of the workspace on from the section to where the spin is put back for the last time in the periods.
+
+    Returns the status, and the spin before it was put back. `point` is scratch.
+    """
+    state, reached, none = space.state, space.modes, without_rows(record)
+    phase, back, spin = section[0], section[1], section[2]
+    since, before, period = (phase - back) % TWO_PI, 0.0, Ask(1, ask.rtol, ask.close, ask.settle, ask.path)
+    for k in range(ask.periods):
+        state[PHASE] = since if k == 0 else 0.0
+        reached[0], reached[1] = 0.0, 0.0
+        status = move_on(space.later_dimer[0], state, reached, period, space, none)
+        if status != OK:
+            return status, before
+        theta, before = state[THETA], state[SPIN]
+        set_point(state, units, point)
+        point[SPIN_COORDINATE] = spin / units[SPIN_COORDINATE]
+        set_state(space.dimer[0], units, point, reached, state)
+        state[THETA] = theta
+    state[PHASE] = TWO_PI - since
+    return OK, before

@@ -72,7 +72,7 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes, for
     int
         OK or the reason why not; the other times are sampled all the same.
     """
-    dm, worst = space.dimer, OK
+    dm, worst = space.dimer[0], OK
     set_dimer(row, dm)
     for k in range(phases.shape[0]):
         segment, state = segments[which[k]], states[k]
@@ -133,8 +133,8 @@ def follow_hops(dm, space, segment, motion, span, rtol, record):
     state[PHASE], state[PERIOD] = TWO_PI - dm.omega * span, 0.0
     start_later(space.row, start - state[PHASE])
     begin_past(motion.past[0])
-    set_dimer(space.row, space.later_dimer)
-    status, _ = evolve(space.later_dimer, Ask(1, rtol, rtol**3, False, True), motion, record)
+    set_dimer(space.row, space.later_dimer[0])
+    status, _ = evolve(space.later_dimer[0], Ask(1, rtol, rtol**3, False, True), motion, record)
     state[PHASE], state[PERIOD] = start + dm.omega * span, periods
     return status
 

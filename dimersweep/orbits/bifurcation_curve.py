@@ -9,6 +9,7 @@ difference of two images, whatever the number of coordinates. From one point of 
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -79,28 +80,25 @@ class BorderEquations:
     def value(self, u: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
         """How far all equations fail to hold, and the map there."""
         z, V, unknown, m = self.parts(u)
-        products = [(m.image(z + m.step * v).point - m.image(z - m.step * v).point) / (2 * m.step) for v in V]
-        turned = np.array(products) - rotation(self.kind.multiplier(unknown), self.rows) @ V
+        *along, here = m.images(np.array([*(z + m.step * V), *(z - m.step * V), z]))[:, : self.n]
+        products = (np.array(along[: self.rows]) - along[self.rows :]) / (2 * m.step)
+        turned = products - rotation(self.kind.multiplier(unknown), self.rows) @ V
         normal = V @ self.normal - np.eye(self.rows)[0]
-        return np.concatenate([m.image(z).point - z, self.weight * turned.ravel(), normal]), m
+        return np.concatenate([here - z, self.weight * turned.ravel(), normal]), m
 
-    def derivative(self, u: np.ndarray, around: tuple[np.ndarray, np.ndarray] | None = None) -> np.ndarray:
-        """Of all equations by u; from the images around the point and J, if they are known."""
+    def derivative(self, u: np.ndarray, around: "Around | None" = None) -> np.ndarray:
+        """Of all equations by u; from what is around the point, if it is known."""
         z, V, unknown, m = self.parts(u)
-        beside, J = images_around(m, z) if around is None else around
+        here, beside, J = Around.of(m, z) if around is None else around
         n, end, step, one = self.n, self.n * (1 + self.rows), m.step, np.eye(self.rows)
-        ahead, back = (self.axis.map_at(m, u[-1] + by * step) for by in (1, -1))
-        here, moved = m.image(z).point, ahead.image(z).point
-
-        def along(own: ReturnMap, at: np.ndarray, image: np.ndarray) -> np.ndarray:
-            """How far the image goes over a step along each row of the eigenvector, one after the other."""
-            return np.ravel([own.image(at + step * v).point - image for v in V])
-
+        moved, *moved_along = self.axis.map_at(m, u[-1] + step).images(np.array([z, *(z + step * V)]))[:, :n]
+        places = z + step * np.eye(n)[:, None] + step * V  # from each neighbour along each row of the eigenvector
+        along = m.images(np.array([*places.reshape(-1, n), *(z + step * V)]))[:, :n].reshape(n + 1, self.rows, n)
+        bent = [*(along[:-1] - beside[:, None]), np.array(moved_along) - moved]
         A = np.zeros((u.size, u.size))
         A[:n, :n] = J - np.eye(n)
-        A[:n, -1] = (moved - back.image(z).point) / (2 * step)
-        others = [along(m, z + d, image) for d, image in zip(step * np.eye(n), beside, strict=True)]
-        A[n:end, [*range(n), -1]] = (np.array([*others, along(ahead, z, moved)]) - along(m, z, here)).T / step**2
+        A[:n, -1] = (moved - here) / step
+        A[n:end, [*range(n), -1]] = (np.array(bent) - (along[-1] - here)).reshape(n + 1, -1).T / step**2
         A[n:end, n:end] = np.kron(one, J) - np.kron(rotation(self.kind.multiplier(unknown), self.rows), np.eye(n))
         if unknown.size:
             A[n:end, end] = -(rotation(self.kind.slope(unknown), self.rows) @ V).ravel()
@@ -120,10 +118,18 @@ class BorderEquations:
         return OnBorder(root.extra, root.y, self.normal, root.derivative, float(np.abs(root.value[: self.n]).max()))
 
 
-def images_around(m: ReturnMap, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The images of the points a step ahead along each coordinate, and the derivative J of the map, shapes (n, n)."""
-    ahead, back = (np.array([m.image(z + by * d).point for d in m.step * np.eye(z.size)]) for by in (1, -1))
-    return ahead, (ahead - back).T / (2 * m.step)
+class Around(NamedTuple):
+    """The images of a point and of those a step ahead along each coordinate, shape (n, n), and the derivative J of the map."""
+
+    here: np.ndarray
+    beside: np.ndarray
+    J: np.ndarray
+
+    @classmethod
+    def of(cls, m: ReturnMap, z: np.ndarray) -> "Around":
+        """That of a point; the derivative is to one side, which is enough for steps of Newton's method."""
+        here, *beside = m.images(np.array([z, *(z + m.step * np.eye(z.size))]))[:, : z.size]
+        return cls(here, np.array(beside), (np.array(beside) - here).T / m.step)
 
 
 @singular_lost()
@@ -132,8 +138,8 @@ def on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, y: np.ndarray) -> OnB
 
     It is lost if Newton's method does not come to one.
     """
-    around = images_around(axis.map_at(m, y[-1]), y[:-1])
-    V, unknown = kind.begin(around[1])
+    around = Around.of(axis.map_at(m, y[-1]), y[:-1])
+    V, unknown = kind.begin(around.J)
     u = np.concatenate([y[:-1], V.ravel(), unknown, y[-1:]])
     system = BorderEquations(kind, axis, m, V[0] / (V[0] @ V[0]))
     return system.solved(u, system.derivative(u, around))
@@ -160,16 +166,16 @@ def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
 
 
 def _coefficient(m: ReturnMap, z: np.ndarray, matrix: np.ndarray, v: np.ndarray, w: np.ndarray, width: float) -> float:
-    def at(away: np.ndarray) -> np.ndarray:
-        return m.image(z + width * away).point
+    def at(*away: np.ndarray) -> np.ndarray:
+        return m.images(z + width * np.array(away))[:, : z.size]
 
-    far_back, back, here, ahead, far_ahead = (at(by * v) for by in (-2, -1, 0, 1, 2))
+    far_back, back, here, ahead, far_ahead = at(-2 * v, -v, 0 * v, v, 2 * v)
     second = (ahead - 2 * here + back) / width**2
     third = (far_ahead - 2 * ahead + 2 * back - far_back) / (2 * width**3)
     bent = np.linalg.solve(np.eye(z.size) - matrix, second)
     size = np.linalg.norm(bent) or 1.0
     u = bent / size
-    mixed = size * (at(v + u) - at(v - u) - at(u - v) + at(-u - v)) / (4 * width**2)
+    mixed = size * (np.array([1, -1, -1, 1]) @ at(v + u, v - u, u - v, -u - v)) / (4 * width**2)
     return float(w @ third / 6 + w @ mixed / 2)
 
 
@@ -180,10 +186,16 @@ class BifurcationCurve(Curve, of=Bifurcation):
         old: OnBorder = near[0].begin
         m = replace(old.map, parameters=given)
         for back in (m.back, *(other for other in BACK if other != m.back)):
-            for u in (self.extrapolated(near), old.y):
+            for u in (self.extrapolated(near), old.y)[: len(near)]:
                 with suppress(OrbitLost):
                     return self.at(self.system(replace(m, back=back), near[0]).solved(u, old.derivative))
         raise OrbitLost(f"no {self.kind.name} is found from its neighbour")
+
+    def between(self, a: Found, b: Found, part: float) -> Found:
+        """With the unknowns on the line between both, if they are those of one section."""
+        if not a.alike(b) or a.begin.y.size != b.begin.y.size:
+            return a
+        return a._replace(begin=replace(a.begin, y=a.begin.y + part * (b.begin.y - a.begin.y)))
 
     def _from(self, orbit: PeriodicOrbit) -> Found:
         """The first point of the border on the branch, to either side; one that ends stability goes before."""

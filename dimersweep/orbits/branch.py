@@ -75,7 +75,7 @@ class Point(NamedTuple):
     @property
     def y(self) -> np.ndarray:
         """The section point with the parameter over its scale."""
-        return np.append(self.fixed.z, self.value / self.axis.scale)
+        return np.array([*self.fixed.z, self.value / self.axis.scale])
 
     @property
     def multipliers(self) -> np.ndarray:
@@ -166,11 +166,7 @@ def with_derivatives(point: Point, senses: np.ndarray | None = None, mark: Mark 
     With `senses` (1 or -1, for the section point and the parameter) they are taken to one side only.
     """
     axis, fixed, m = point.axis, point.fixed, point.map
-
-    def read(image: Image) -> np.ndarray:
-        return np.array([*image.point, image.spin / m.unit, *([] if mark is None else [mark(m, image)])])
-
-    rows = m.differences(fixed.z, read, None if senses is None else senses[:-1])
+    rows = m.differences(fixed.z, None if senses is None else senses[:-1], mark)
     slope = slope_of(axis, m, fixed.z, point.value / axis.scale, 0.0 if senses is None else senses[-1], mark)
     n = fixed.z.size
     again = point_of(axis, fixed._replace(matrix=rows[:n], gradient=rows[n]), point.value, point.tangent, slope[:n])
@@ -207,7 +203,7 @@ class Equations:
         own = self.axis.map_at(self.near.map, there[-1])
         image = own.image(there[:-1])
         fails = defect(own, there[:-1], image, self.axis.spin_at(there[-1] * self.axis.scale))
-        return np.append(fails, self.last(there, own, image)), (own, image)
+        return np.array([*fails, self.last(there, own, image)]), (own, image)
 
     def derivative(self, there: np.ndarray, step: float | None = None) -> np.ndarray:
         """Derivative of all equations, by central differences."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import takewhile
 from math import pi
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -14,7 +14,7 @@ import xarray as xr
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_numbers, check_rtol
 from dimersweep.orbits.branch import Axis, Point, point_of
-from dimersweep.orbits.continuation import SEARCHING, Between, Q, halved, steps, zero
+from dimersweep.orbits.continuation import SEARCHING, Between, halved, steps, zero
 from dimersweep.orbits.finding import checked, checked_spin, orbit_at
 from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, Kind, ball_flip, ball_fold
 from dimersweep.orbits.orbit import DOUBLING, Column, PeriodicOrbit, dataset
@@ -27,6 +27,9 @@ from dimersweep.symbols import PARAMETERS
 STATUS_LENGTH = 100  # of a status at most
 REACH = 0.3  # of a point of a curve from where it is looked for, in units of the section
 HALVINGS = 4  # of a step from one point of a curve to the next
+
+
+PlaceLike = TypeVar("PlaceLike", bound="Place")
 
 
 class Found(NamedTuple):
@@ -187,6 +190,10 @@ class Curve(ABC):
                 near = self._by_halves(target, near, depth - 1)
         return near
 
+    def between(self, a: Found, b: Found, part: float) -> Found:
+        """A point of the curve as a neighbour of one on the way to another."""
+        return a
+
     def extrapolated(self, near: list[Found]) -> np.ndarray:
         """The next point on the line or parabola through neighbours at equal distances."""
         weights = ((1.0,), (2.0, -1.0), (3.0, -3.0, 1.0))[len(near) - 1]
@@ -276,13 +283,6 @@ class Curve(ABC):
             yield {self.parameter: low + share * wide}
 
 
-class Onward(Between[Q]):
-    """The points of a step of a border, each found from the last one before it, whose equations are nearly its own."""
-
-    def near(self, share: float) -> Q:
-        return self[max(known for known in self if known < share)]
-
-
 @dataclass(frozen=True)
 class Place:
     """A point of a curve at values of the other parameters, its `y`: see `continuation.OnPlanes`."""
@@ -295,6 +295,10 @@ class Place:
         """The point at other values."""
         found = self.curve.point(dict(zip(self.curve.over, y.tolist(), strict=True)), [self.found], None)
         return replace(self, found=found, y=y)
+
+    def towards(self, other: Self, part: float) -> Self:
+        """The place as a neighbour of one on the way to another."""
+        return replace(self, found=self.curve.between(self.found, other.found, part))
 
     def tests(self) -> dict[str, float]:
         """Functions that change their sign where the curve meets another border, or turns round, by the names of that."""
@@ -321,6 +325,14 @@ class Place:
                 break
             found.append((last, self.curve.passed(before, state(low))))
         return [(at[share], name) for share, name in sorted(found)]
+
+
+class Onward(Between[PlaceLike]):
+    """The points of a step of a border, each found from the last one before it, whose equations are nearly its own."""
+
+    def near(self, share: float) -> PlaceLike:
+        low, high = max(known for known in self if known < share), min(known for known in self if known > share)
+        return self[low].towards(self[high], (share - low) / (high - low))
 
 
 def asked(

@@ -13,8 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.model.contact_code import code_of, digits_of
-from dimersweep.kernel.model.event_row import E_AFTER, E_BEFORE, E_KIND
 from dimersweep.kernel.model.layout import D1, D2, SPIN, THETA
 from dimersweep.orbits.families import MISSING_OVER, on_family, walk
 from dimersweep.orbits.finding import at_end
@@ -72,19 +70,10 @@ def features_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Features:
     turn = (last[THETA] - first[THETA]) / m.periods * 0.5 * m.dimer.l
     sequence = passage.sequence
     if mirrors.ends:
-        sequence = min(sequence, _ends_changed(passage).sequence)
+        sequence = min(sequence, passage.mirrored_sequence)
     back = -1.0 if mirrors.plane and spin < 0 else 1.0
     unit = m.section.units[0]
     return Features(m.periods, sequence, back * spin, gaps / unit, float(back * turn / unit))
-
-
-def _ends_changed(passage: Passage) -> Passage:
-    """The record of a passage, as far as its sequence goes, with the ends in each other's place."""
-    events = passage.events.copy()
-    for column in (E_KIND, E_BEFORE, E_AFTER):
-        first, second = digits_of(events[:, column].astype(int))
-        events[:, column] = code_of(second, first)
-    return Passage(events, passage.segments)
 
 
 def features_from(

@@ -12,16 +12,25 @@ import xarray as xr
 
 from dimersweep.errors import OrbitError, ParameterError, one_line
 from dimersweep.inputs import as_number, check_count, check_rtol
-from dimersweep.kernel.model.body import dip_of
-from dimersweep.kernel.model.layout import FREE, N_STATE, PERIOD, PHASE, ROW, ROW_PHI0, SPIN, STICK, State
+from dimersweep.kernel.model.layout import DIP, FREE, N_STATE, PERIOD, PHASE, ROW, ROW_PHI0, STICK, WB, State
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
+from dimersweep.kernel.section import SPIN_COORDINATE
 from dimersweep.orbits.kinds import ball_fold
 from dimersweep.orbits.manifold import multipliers_of, slow_direction, slow_motion_of
 from dimersweep.orbits.newton import Fixed, solve, system
 from dimersweep.orbits.orbit import PeriodicOrbit, orbit_of
-from dimersweep.orbits.poincare import SPIN_COORDINATE, TURN, OrbitLost, Recorder, ReturnMap, in_steps
+from dimersweep.orbits.poincare import TURN, OrbitLost, Recorder, ReturnMap, in_steps
 from dimersweep.orbits.specials import JOINED
-from dimersweep.parameters import Parameters, check_level, check_name, check_names, dimer_from, updated, value_of
+from dimersweep.parameters import (
+    Parameters,
+    check_level,
+    check_name,
+    check_names,
+    dimer_from,
+    fill_rows,
+    updated,
+    value_of,
+)
 from dimersweep.runs.run import Run
 from dimersweep.runs.starting import is_point
 from dimersweep.symbols import PARAMETERS
@@ -65,9 +74,10 @@ def ball_state(m: ReturnMap, spin: float) -> np.ndarray:
     gap = kappa * (leaves * tau - tau**2 / 2 - Gamma * (sin(SECTION) - sin(phase) - tau * cos(phase)))
     v = dm.g / dm.omega
     d2, n2 = max(gap, 0.1) * v / dm.omega, rate * v
-    dip = dip_of(dm, d2)
-    wb = n2 / (dm.l * max(0.1, np.cos(dm.beta_0 + dip)))
-    return np.array(State(d2=d2, n2=n2, dip=dip, wb=wb, spin=spin, cb=dm.p1.r * spin))
+    begun = np.array(State(d2=d2, n2=n2, spin=spin, cb=dm.p1.r * spin))
+    state = m.section.state(m.section.point(begun), np.full(2, float(FREE)))
+    state[WB] = n2 / (dm.l * max(0.1, cos(dm.beta_0 + state[DIP])))
+    return m.section.held(state, m.modes)
 
 
 def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap, np.ndarray]:
@@ -97,12 +107,11 @@ def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> 
     for _ in range(RUN_IN):
         state[PHASE] = 0.0
         state, modes, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
-        struck = passage.last_impact(passage.bouncer)
-        if struck is None:
+        if not passage.read.strikes:
             raise OrbitLost("the motion dies: nothing strikes the plate")
         there = replace(m, modes=modes)
         z = there.section.point(state)[there.free]
-        z[there.slow] += (spin - struck[SPIN]) / there.unit
+        z[there.slow] += (spin - passage.read.spin) / there.unit
         state = there.state(z)
     leap = np.delete(np.abs(m.section.point(state) - m.section.point(begin)), SPIN_COORDINATE)
     if leap.max() > most:
@@ -325,7 +334,7 @@ def repeats_after(fixed: Fixed) -> int:
 
 def _from_ball(m: ReturnMap, spin: float, transient: int) -> Fixed:
     """Newton from the ball's orbit, after a transient."""
-    state = m.section.held(ball_state(m, spin), m.modes)
+    state = ball_state(m, spin)
     return solve(*settled_on(m, state, transient * m.periods), spin)
 
 
@@ -338,11 +347,15 @@ def _from_run(run: Run, m: ReturnMap, spin: float | None) -> Fixed:
 def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
     """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
     old, given = orbit.fixed.map, m.parameters
-    first, last = ({name: value_of(name, one) for name in ROW} for one in (old.parameters, given))
     begin = orbit.fixed._replace(map=replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
 
     def step(fixed: Fixed, there: float) -> Fixed:
-        values = given if there == 1.0 else {name: first[name] + there * (last[name] - first[name]) for name in ROW}
+        values = given
+        if there < 1.0:
+            first, last = (
+                dict(zip(ROW, fill_rows(one, 1)[0].tolist(), strict=True)) for one in (old.parameters, given)
+            )
+            values = {name: first[name] + there * (last[name] - first[name]) for name in ROW}
         alike = fixed is not begin or m.periods == old.periods
         known = system(fixed.map, fixed.matrix, fixed.gradient) if alike else None
         return _beside(fixed, replace(fixed.map, parameters=values), orbit.spin + there * (spin - orbit.spin), known)

@@ -15,7 +15,7 @@ from dimersweep.kernel.verdict.past import HOP_LINE
 from dimersweep.orbits.branch import Mark, Point
 from dimersweep.orbits.manifold import growth_in_plane
 from dimersweep.orbits.newton import fixed_at
-from dimersweep.orbits.passage import TURN, Sides, longest_hop
+from dimersweep.orbits.passage import TURN, Sides
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap
 
 COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
@@ -244,7 +244,7 @@ def _changed(old: str, new: str) -> set[str]:
 
 def _over_line(image: Image, end: int) -> float:
     """How much longer than half a period the longest hop of an end is, in forcing periods."""
-    return longest_hop(image.passage.events, end, image.passage.times[-1]) / TURN - HOP_LINE
+    return image.passage.hops[end] / TURN - HOP_LINE
 
 
 def _hop_over_line(sides: Sides) -> Mark | None:

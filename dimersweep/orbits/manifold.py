@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.model.layout import THETA
 from dimersweep.orbits.newton import TOLERANCE, Fixed, newton, solve, system
 from dimersweep.orbits.poincare import Image, OrbitLost, ReturnMap, singular_lost
 
@@ -123,9 +122,7 @@ def slow_motion_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarra
     """
 
     def value(begin: np.ndarray) -> tuple[np.ndarray, list[Image]]:
-        images = [m.image(begin)]
-        for _ in range(2):
-            images.append(m.image(images[-1].point))
+        images = m.chain(begin, 3)
         a, b, c = (image.point for image in images)
         r = c - 3 * b + 3 * a - begin
         r[m.slow] = (images[1].spin - spin) / m.unit
@@ -140,13 +137,9 @@ def slow_motion_near(m: ReturnMap, z: np.ndarray, spin: float, matrix: np.ndarra
     target = WEIGHTS * TOLERANCE * m.rtol
     root = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, derivative(matrix, gradient))
     before, here, after = root.extra
-    turn, next_turn = (one.theta - _turned(one) + _turned(two) for one, two in ((before, here), (here, after)))
+    turn, next_turn = (
+        one.theta - one.passage.read.turned + two.passage.read.turned for one, two in ((before, here), (here, after))
+    )
     return SlowMotion(
         before.point, here, turn, after.spin - here.spin, next_turn - turn, float(np.abs(root.value).max())
     )
-
-
-def _turned(image: Image) -> float:
-    """Change of theta up to the last impact of the bouncer; without one, up to the section."""
-    struck = image.passage.last_impact(image.passage.bouncer)
-    return image.theta if struck is None else float(struck[THETA])

@@ -81,9 +81,8 @@ def newton(
         How many new derivatives may be taken.
     """
     r, extra = f(y)
-    A, fresh = known, False
+    A, fresh, size = known, False, np.abs(r).max()
     for _ in range(NEWTON_STEPS):
-        size = np.abs(r).max()
         if size <= target:
             return Root(y, extra, r, A)
         if A is None and derivative is not None:
@@ -101,11 +100,11 @@ def newton(
                 raise OrbitLost(str(error)) from error
             A = None
             continue
-        taken = y_next - y
-        quick = np.abs(r_next).max() < QUICK_FALL * size
+        taken, size_next = y_next - y, np.abs(r_next).max()
+        quick = size_next < QUICK_FALL * size
         A = A + np.outer(r_next - r - A @ taken, taken) / (taken @ taken) if quick or not derivative else None
-        y, r, extra, fresh = y_next, r_next, extra_next, False
-    raise OrbitLost(f"Newton's method stays {np.abs(r).max():.1e} away")
+        y, r, extra, fresh, size = y_next, r_next, extra_next, False, size_next
+    raise OrbitLost(f"Newton's method stays {size:.1e} away")
 
 
 def _nearer(

@@ -11,10 +11,10 @@ import xarray as xr
 
 from dimersweep.cubes.cube import column, fixed_coordinates
 from dimersweep.inputs import check_count, check_rtol
-from dimersweep.kernel.model.layout import CODE_WORDS, State
+from dimersweep.kernel.model.layout import CODE_WORDS, DI_ENDS, State
 from dimersweep.orbits.manifold import SlowMotion, multipliers_of, slow_motion_at
 from dimersweep.orbits.newton import Fixed
-from dimersweep.orbits.passage import TURN, strike_of
+from dimersweep.orbits.passage import TURN
 from dimersweep.orbits.poincare import ReturnMap
 from dimersweep.runs.period_map import NAMES
 from dimersweep.runs.run import Run, as_run
@@ -247,7 +247,7 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
     if slow_motion is None:
         slow_motion = slow_motion_at(fixed)
     parameters, image = m.parameters, slow_motion.image
-    struck = strike_of(image.passage, m.dimer)
+    read = image.passage.read
     turn = slow_motion.turn / m.periods
     in_plane = abs(turn) <= CIRCLE or abs(image.spin) <= PLANE * m.unit
     rate = 0.0 if in_plane else turn * parameters["f"]
@@ -256,11 +256,13 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
         parameters=dict(parameters),
         periods=m.periods,
         spin=image.spin,
-        radius=struck["speed"] / abs(rate) if rate else float("nan"),
+        radius=read.speed / abs(rate) if rate else float("nan"),
         period=TURN / abs(rate) if rate else float("nan"),
         precession_rate=rate,
-        impact_phase=(m.phase + struck.pop("phase")) / TURN % 1.0,
-        **struck,
+        impact_phase=(m.phase + read.phase) / TURN % 1.0,
+        speed=read.speed,
+        zeta=read.zeta,
+        di_end=DI_ENDS[int(read.di_end)],
         spin_drift=slow_motion.drift / m.periods + 0.0,
         precession_rate_drift=slow_motion.turn_drift * parameters["f"] / m.periods**2,
         multipliers=fast if fast.size else np.zeros(1, dtype=complex),
@@ -321,12 +323,12 @@ def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Mapping[str, Column
         name: ([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said, CODE_WORDS.get(name, ()))
         for name, said in (COLUMNS | TEXTS).items()
     }
-    table = xr.Dataset()
+    made = {}
     for name, (entries, *said) in (columns | dict(more)).items():
         values = np.array(entries, dtype=float if name in COLUMNS else None)
-        table[name] = column((dim, "number")[: values.ndim], values, *said)
+        made[name] = column((dim, "number")[: values.ndim], values, *said)
     rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
-    table = table.assign(multiplier_columns((dim, "multiplier"), rows))
+    table = xr.Dataset(made | multiplier_columns((dim, "multiplier"), rows))
     shared = dict(orbits[0].parameters) if orbits else {}
     for orbit in orbits:
         shared = {name: value for name, value in shared.items() if orbit.parameters.get(name) == value}

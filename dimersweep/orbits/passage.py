@@ -11,46 +11,34 @@ for more than half a forcing period: the line from which a ball counts as flying
 
 from collections import Counter
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.model.body import slip_at
-from dimersweep.kernel.model.contact_code import CONTACT_STATES, digits_of
-from dimersweep.kernel.model.event_row import E_AFTER, E_BEFORE, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
-from dimersweep.kernel.model.layout import (
-    C_CHATTER_END,
-    C_END,
-    C_IMPACT,
-    C_START,
-    CB,
-    DI_ENDS,
-    DI_NONE,
-    FREE,
-    IMPACT,
-    N1,
-    PERIOD,
-    PHASE,
-    Dimer,
-    State,
-)
-from dimersweep.kernel.record import BEFORE, SEGMENT_MODES, SEGMENT_SLIP
-from dimersweep.kernel.verdict.past import HOP_LINE, double_end, ends_sticking
+from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
+from dimersweep.kernel.model.layout import C_CHATTER_END, C_END, C_IMPACT, C_START, IMPACT, PERIOD, PHASE
+from dimersweep.kernel.passage import JOINED, PER_STATE, Read
+from dimersweep.kernel.verdict.past import HOP_LINE
 
 TURN = 2 * np.pi
 MANY = 4  # bounces that do not die out are counted so far: beyond, their number changes without end
+KEPT = 4096  # sequences that are spelt once
 
 
-def sequence_of(events: np.ndarray, length: float, whole: bool = False) -> str:
-    """The sequence of one period of a motion, so long [rad], from its events; a `whole` one has all its bounces counted."""
+@lru_cache(KEPT)
+def spelt(codes: bytes, far: tuple[bool, bool], whole: bool = False) -> str:
+    """The sequence of one period of a motion, from the symbols of its events (``kernel.passage``) and whether the ends are far.
+
+    A `whole` one has all its bounces counted.
+    """
+    events = np.frombuffer(codes, dtype=np.int64).tolist()
     symbols = _chatter_as_one(_symbols(events), len(events) if whole else MANY)
     # it begins at its first double impact, or without one at the rotation that sorts first
     turns = [symbols[k:] + symbols[:k] for k in range(len(symbols))] or [[]]
     begun = min(turns, key=lambda turn: (not (turn and turn[0].startswith("DI")), turn))
-    far = [f"far.{end + 1}" for end in (0, 1) if longest_hop(events, end, length) > HOP_LINE * TURN]
-    return " ".join(begun + far)
+    return " ".join(begun + [f"far.{end + 1}" for end in (0, 1) if far[end]])
 
 
 def _name(code: int) -> str:
@@ -59,20 +47,20 @@ def _name(code: int) -> str:
     return name if 0 not in ends or not any(ends) else f"{name}.{1 if ends[0] else 2}"
 
 
-def _symbols(events: np.ndarray) -> list[str]:
+def _symbols(events: Sequence[int]) -> list[str]:
     """One symbol an impact or a change of contact."""
     symbols: list[str] = []
-    last, last_time = 0, -1.0
-    for row in events:
-        cause, kind, time = int(row[E_CAUSE]), int(row[E_KIND]), row[E_PERIOD] * TURN + row[E_PHASE]
+    last = 0
+    for event in events:
+        joined, (kind, cause) = event >= JOINED, divmod(event % JOINED, PER_STATE)
         if cause == C_IMPACT and max(digits_of(kind)) > IMPACT:
             name = _name(kind)
-            if time == last_time and symbols and symbols[-1].startswith(("DI", "SI")):
+            if joined and symbols and symbols[-1].startswith(("DI", "SI")):
                 if not symbols[-1].endswith(name):
                     symbols[-1] += f">{name}"
             else:
                 symbols.append(name)
-            last, last_time = 0, time
+            last = 0
             continue
         if cause in (C_START, C_END):
             last = kind
@@ -99,18 +87,6 @@ def _chatter_as_one(symbols: Sequence[str], most: int) -> list[str]:
         else:
             kept.append((name, 1))
     return [name if count == 1 else f"{name}*{min(most, count)}" for name, count in kept]
-
-
-def longest_hop(events: np.ndarray, end: int, length: float) -> float:
-    """Longest time [rad] for which an end is off the plate."""
-    struck = digits_of(events[:, E_KIND])[end] > IMPACT
-    before, after = (digits_of(events[:, column])[end] for column in (E_BEFORE, E_AFTER))
-    touched = (events[:, E_CAUSE] != C_START) & (struck | (before > 0) | (after > 0))
-    if not touched.any():
-        return 0.0
-    times = (events[:, E_PERIOD] * TURN + events[:, E_PHASE])[touched]
-    leaves = (after[touched] == 0) | (after[touched] > IMPACT)  # after each touch
-    return float(np.diff(times, append=times[0] + length)[leaves].max(initial=0.0))
 
 
 def far_ends(sequence: str) -> int:
@@ -186,59 +162,44 @@ class Passage:
     ----------
     events, segments : ndarray
         Rows of the kernel's record; they belong to the passage.
+    symbols : ndarray of int64
+        Those of the events.
+    read : Read
+        What is read off the record.
     """
 
-    def __init__(self, events: np.ndarray, segments: np.ndarray) -> None:
-        self.events, self.segments = events, segments
-        self.times = segments[:, PERIOD] * TURN + segments[:, PHASE]  # phases since the section [rad]
+    def __init__(self, events: np.ndarray, segments: np.ndarray, symbols: np.ndarray, read: Read) -> None:
+        self.events, self.segments, self.symbols, self.read = events, segments, symbols, read
 
     @cached_property
+    def times(self) -> np.ndarray:
+        """Phases since the section at which smooth phases begin [rad]."""
+        return self.segments[:, PERIOD] * TURN + self.segments[:, PHASE]
+
+    @property
+    def hops(self) -> tuple[float, float]:
+        """Longest time for which each end is off the plate, in the motion of which this is one period [rad]."""
+        return self.read.hop_1, self.read.hop_2
+
+    @property
+    def _far(self) -> tuple[bool, bool]:
+        one, two = (hop > HOP_LINE * TURN for hop in self.hops)
+        return one, two
+
+    @property
     def sequence(self) -> str:
         """The sequence of the motion of which this is one period."""
-        return sequence_of(self.events, self.times[-1])
+        return spelt(self.symbols.tobytes(), self._far)
 
-    @cached_property
+    @property
     def whole_sequence(self) -> str:
         """The sequence with all bounces counted."""
-        return sequence_of(self.events, self.times[-1], whole=True)
+        return spelt(self.symbols.tobytes(), self._far, whole=True)
 
-    @cached_property
-    def bouncer(self) -> int:
-        """The end that is in the air for longer: 0 or 1."""
-        spans = np.diff(self.times)
-        free = self.segments[:-1, SEGMENT_MODES : SEGMENT_MODES + 2] == FREE
-        airborne = spans @ free
-        return int(airborne[1] >= airborne[0])
-
-    def last_impact(self, end: int) -> np.ndarray | None:
-        """Kernel state right after the last impact of an end, or None if there is none."""
-        (rows,) = np.nonzero(digits_of(self.events[:, E_KIND])[end] > IMPACT)
-        if not rows.size:
-            return None
-        row = self.events[rows[-1]]
-        at = np.searchsorted(self.times, row[E_PERIOD] * TURN + row[E_PHASE])
-        if at >= len(self.segments):
-            return None
-        segment = self.segments[at]
-        state = segment[: PERIOD + 1].copy()
-        state[N1 : CB + 1] = segment[BEFORE:SEGMENT_SLIP]  # before the hops of a chatter were summed
-        return state
-
-
-def strike_of(passage: Passage, dm: Dimer) -> dict[str, Any]:
-    """State after the impact that ends a period of a drift, the last one of the bouncer; NaN without one.
-
-    That is `phase` since the section [rad], `speed` of the centre of mass [m s-1] and its angle `zeta` from the axis, in the
-    sense from the end that is down to the other one [rad], and `di_end`, the friction of the end that is down and of the
-    bouncer, see ``layout.DI_ENDS``.
-    """
-    bouncer = passage.bouncer
-    state = passage.last_impact(bouncer)
-    if state is None:
-        return dict.fromkeys(("phase", "speed", "zeta"), float("nan")) | {"di_end": DI_ENDS[0]}
-    s = State(*state.tolist())
-    speed = float(np.hypot(s.ca, s.cb))
-    zeta = float(np.arctan2(abs(s.cb), s.ca if bouncer == 1 else -s.ca)) if speed > 0 else float("nan")
-    sticks = [ends_sticking(dm, *slip_at(dm, state, end)) for end in (0, 1)]
-    end = double_end(sticks[1 - bouncer], sticks[bouncer]) if s.d1 == s.d2 == 0.0 else DI_NONE
-    return {"phase": s.phase, "speed": speed, "zeta": zeta, "di_end": DI_ENDS[end]}
+    @property
+    def mirrored_sequence(self) -> str:
+        """The sequence with the ends in each other's place."""
+        kinds, causes = np.divmod(self.symbols % JOINED, PER_STATE)
+        first, second = digits_of(kinds)
+        symbols = self.symbols // JOINED * JOINED + PER_STATE * code_of(second, first) + causes
+        return spelt(symbols.tobytes(), self._far[::-1])

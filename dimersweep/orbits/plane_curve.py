@@ -75,6 +75,10 @@ class InPlane(Place):
         found = self.curve.made(root.y[:-1], root.extra, self.near)
         return replace(self, found=found, y=root.y)._tangential(self.tangent)
 
+    def towards(self, other: "InPlane", part: float) -> "InPlane":
+        """The point itself: others are looked for on the line between them."""
+        return self
+
     def _system(self, y: np.ndarray) -> Any:
         """The equations of the border at the second parameter."""
         return self.curve.system(self.other.map_at(self.near.begin.map, y[-1]), self.near)

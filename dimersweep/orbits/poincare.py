@@ -10,7 +10,9 @@ comes to another contact. A fault of the kernel is none of this (`KernelError`).
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
+from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -18,6 +20,7 @@ import numpy as np
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.kernel.batch import ask_for
 from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
     JAMMED,
     MAX_EVENTS,
@@ -26,22 +29,28 @@ from dimersweep.kernel.model.layout import (
     PERIOD,
     PHASE,
     RECORD_FULL,
-    SPIN,
     STATUS_MESSAGES,
-    THETA,
+    Dimer,
 )
 from dimersweep.kernel.model.plate import started_at
-from dimersweep.kernel.record import EVENT_ROWS, SEGMENT_MODES, SEGMENT_ROWS, new_record, no_record
-from dimersweep.kernel.return_map import advance
+from dimersweep.kernel.passage import R_SPIN, Read, Reading, new_reading
+from dimersweep.kernel.record import SEGMENT_MODES, Record, new_record, no_record
+from dimersweep.kernel.return_map import BELOW, OTHER_CONTACT, STEEP, advance, images
 from dimersweep.kernel.sample import sample
+from dimersweep.kernel.section import SPIN_COORDINATE
 from dimersweep.orbits.passage import TURN, Passage
-from dimersweep.parameters import bounds, check, fill_rows
-from dimersweep.runs.period_map import NAMES, Section, free_coordinates
+from dimersweep.parameters import bounds, check, fill_rows, slots_of
+from dimersweep.runs.period_map import Section, free_coordinates
 from dimersweep.runs.solving import MAX_ROWS, RECORD_GROWTH, RECORD_ROWS
 
-SPIN_COORDINATE = NAMES.index("spin")
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
+
+WHY_NONE = {
+    BELOW: "an end meets the plate at the section",
+    STEEP: "no dimer is so steep",
+    OTHER_CONTACT: "the contact at the section changes",
+}
 
 T = TypeVar("T")
 
@@ -88,12 +97,20 @@ def in_steps(step: Callable[[T, float], T], begin: T, least: float) -> T:
 
 
 class Image(NamedTuple):
-    """Where a point goes: the image in the free coordinates, the spin [rad/s], the change of theta [rad], the record."""
+    """Where a point goes: the image in the free coordinates, and the record."""
 
     point: np.ndarray
-    spin: float
-    theta: float
     passage: Passage
+
+    @property
+    def spin(self) -> float:
+        """After the last impact of the bouncer, or before it is put back [rad/s]."""
+        return self.passage.read.spin
+
+    @property
+    def theta(self) -> float:
+        """Change of theta [rad]."""
+        return self.passage.read.theta
 
 
 class Recorder:
@@ -102,7 +119,6 @@ class Recorder:
     def __init__(self) -> None:
         self.space = new_workspace()
         self.periods = 0.0  # forcing periods that have been run
-        self.bounds: dict[tuple[object, ...], tuple[float, float]] = {}  # of a parameter beside the others
         self.record = new_record(RECORD_ROWS)
 
     def run(
@@ -110,16 +126,50 @@ class Recorder:
     ) -> tuple[np.ndarray, np.ndarray, Passage]:
         """State and friction modes after whole periods, and the record."""
         self.periods += periods - start[PHASE] / TURN
-        while True:
+        ask = ask_for(periods, rtol, path=path)
+
+        def made(record: Record, reading: Reading) -> tuple[int, np.ndarray, np.ndarray]:
             state, modes = start.copy(), np.zeros(2)
-            status = advance(row, state, modes, ask_for(periods, rtol, path=path), self.space, self.record)
-            if status != RECORD_FULL or len(self.record.events) >= MAX_ROWS:
-                break
-            self.record = new_record(RECORD_GROWTH * len(self.record.events))
+            return advance(row, state, modes, ask, self.space, record, reading), state, modes
+
+        (status, state, modes), reading = self._recorded(1, made)
         _check(status)
-        events, segments = (self.record.counts[which] for which in (EVENT_ROWS, SEGMENT_ROWS))
-        passage = Passage(self.record.events[:events].copy(), self.record.segments[:segments].copy())
-        return state, modes, passage
+        return state, modes, self.passages(reading)[0]
+
+    def images(self, m: "ReturnMap", points: np.ndarray, chained: bool) -> tuple[np.ndarray, Reading]:
+        """Images of points of a map, shape (n, k), and what is read off the record; see ``return_map.images``."""
+        own, found = (
+            (m.plain_row, m.section.units, points, m.free, m.of_section, m.modes, m.ask),
+            np.empty(points.shape),
+        )
+
+        def made(record: Record, reading: Reading) -> tuple[int, int]:
+            return images(*own, chained, self.space, record, reading, found)
+
+        (status, count), reading = self._recorded(len(points), made)
+        self.periods += m.periods * count
+        _check(status)
+        return found, reading
+
+    def _recorded(self, passages: int, made: Callable[[Record, Reading], tuple[Any, ...]]) -> tuple[Any, Reading]:
+        """What `made` returns, the status first, in a record that holds all."""
+        while True:
+            rows = len(self.record.events)
+            reading = new_reading(passages, rows)
+            told = made(self.record, reading)
+            if told[0] != RECORD_FULL or rows >= MAX_ROWS:
+                return told, reading
+            self.record = new_record(RECORD_GROWTH * rows)
+
+    def passages(self, reading: Reading) -> list[Passage]:
+        """The passages in the record."""
+        found, event, segment = [], 0, 0
+        for read in map(Read._make, reading.rows.tolist()):
+            events, segments = slice(event, int(read.events)), slice(segment, int(read.segments))
+            rows = self.record.events[events].copy(), self.record.segments[segments].copy()
+            found.append(Passage(*rows, reading.symbols[events].copy(), read))
+            event, segment = events.stop, segments.stop
+        return found
 
 
 @dataclass(eq=False)
@@ -140,96 +190,103 @@ class ReturnMap:
     back: float = 0.0
 
     def __post_init__(self) -> None:
-        self.row = self.row_at(self.phase)
-        self.section = Section(self.row, self.rtol, self.recorder.space)
-        self.dimer = self.section.dm
-        self.free = np.array(free_coordinates(self.modes))
-        self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
-        self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]
+        # of the parameter that changes along a curve: the least and the greatest value beside the others, its slots in a row
+        self.judged: dict[str, tuple[float, float, list[int]]] = {}
         # they balance the error of differences, step^2 of central and step of one-sided ones, with that of the map, rtol/step
         self.step, self.one_sided = self.rtol ** (1 / 3), self.rtol**0.5
+        self.free = np.array(free_coordinates(self.modes))
+        self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
+        self.of_section = np.array([self.phase, self.back, np.nan if self.spin is None else self.spin])
+        self.ask = ask_for(self.periods, self.rtol)
+        self._take_row(fill_rows(self.parameters, 1)[0])
+
+    def _take_row(self, row: np.ndarray) -> None:
+        """Take the kernel's row of the parameters, with the plate at `phi0` at the start."""
+        self.plain_row, self.section = row, Section(row, self.rtol, self.recorder.space)
+        self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]
+        vars(self).pop("row", None)
+
+    @cached_property
+    def row(self) -> np.ndarray:
+        """The kernel's row of the parameters, with the plate at the section's phase at the start."""
+        return self.row_at(self.phase)
+
+    @property
+    def dimer(self) -> Dimer:
+        """The dimer."""
+        return dimer_of(self.row)
 
     def at(self, name: str, value: float) -> "ReturnMap":
         """The map in the same section at another value of a parameter; lost if it is not allowed beside the others."""
         if value == self.parameters.get(name):
             return self
-        others = (name, *(item for item in self.parameters.items() if item[0] != name))
-        if others not in self.recorder.bounds:
-            self.recorder.bounds[others] = bounds(name, self.parameters)
-        low, high = self.recorder.bounds[others]
         parameters = self.parameters | {name: value}
+        if name not in self.judged:
+            self.judged = {name: (*bounds(name, self.parameters), slots_of(name, parameters))}
+        low, high, slots = self.judged[name]
         if not low <= value <= high:
             try:
                 check(parameters)
             except ParameterError as error:
                 raise OrbitLost(str(error)) from error
-        return replace(self, parameters=parameters)
+        moved = copy(self)
+        moved.parameters = parameters
+        row = self.plain_row.copy() if slots else fill_rows(parameters, 1)[0]
+        row[slots] = value
+        moved._take_row(row)
+        return moved
 
     def row_at(self, phase: float) -> np.ndarray:
         """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
-        return started_at(fill_rows(self.parameters, 1)[0], phase)
+        return started_at(self.plain_row, phase)
 
     def state(self, z: np.ndarray) -> np.ndarray:
-        """The kernel's state at a point.
-
-        It is lost if an end is below the plate, or higher above the other one than the dimer is long.
-        """
-        point = np.zeros(len(NAMES))
+        """The kernel's state at a point."""
+        point = np.zeros(self.section.units.size)
         point[self.free] = z
-        if point[0] < 0 or point[1] < 0:
-            raise OrbitLost("an end meets the plate at the section")
-        if not abs(point[1] - point[0]) * self.section.units[0] < self.dimer.l:
-            raise OrbitLost("no dimer is so steep")
-        return self.section.held(self.section.state(point), self.modes)
+        return self.section.state(point, self.modes)
 
     def image(self, z: np.ndarray) -> Image:
         """The image of a point after the periods of the motion.
 
-        Its spin is that after the last impact of the bouncer, or the one before it is put back. It is lost in another contact.
+        It is lost if an end is below the plate at the point, or higher above the other one than the dimer is long, and in
+        another contact.
         """
-        if self.spin is not None:
-            state, modes, passage, spin = self._at_fixed_spin(self.state(z), self.spin)
-        else:
-            state, modes, passage = self.recorder.run(self.row, self.state(z), self.periods, self.rtol)
-            struck = passage.last_impact(passage.bouncer)
-            spin = state[SPIN] if struck is None else struck[SPIN]
-        if (modes != self.modes).any():
-            raise OrbitLost("the contact at the section changes")
-        return Image(self.section.point(state)[self.free], float(spin), float(state[THETA]), passage)
+        return self.chain(z, 1)[0]
 
-    def _at_fixed_spin(self, state: np.ndarray, spin: float) -> tuple[np.ndarray, np.ndarray, Passage, float]:
-        """State and friction modes after the periods, the way from where the spin was last put back, and the spin before."""
-        row, since = self.row_at(self.back), (self.phase - self.back) % TURN
-        there = Section(row, self.rtol, self.recorder.space)
-        for k in range(self.periods):
-            state[PHASE] = since if k == 0 else 0.0
-            state, modes, _ = self.recorder.run(row, state, 1, self.rtol)
-            theta, before, point = state[THETA], float(state[SPIN]), there.point(state)
-            point[SPIN_COORDINATE] = spin / self.unit
-            state = there.held(there.state(point), modes)
-            state[THETA] = theta
-        state[PHASE], state[PERIOD] = TURN - since, 0.0
-        return *self.recorder.run(self.row, state, 1, self.rtol), before
+    def chain(self, z: np.ndarray, count: int) -> list[Image]:
+        """The image of a point, that of the image, and so on; lost as `image`."""
+        points = np.empty((count, z.size))
+        points[0] = z
+        found, reading = self.recorder.images(self, points, True)
+        return [Image(*each) for each in zip(found, self.recorder.passages(reading), strict=True)]
+
+    def images(self, points: np.ndarray) -> np.ndarray:
+        """The images of points, shape (n, k), with the spins in their unit as a last column; each is lost as `image`."""
+        found, reading = self.recorder.images(self, points, False)
+        return np.column_stack([found, reading.rows[:, R_SPIN] / self.unit])
 
     def jacobian(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), by central differences."""
-        rows = self.differences(z, lambda image: np.append(image.point, image.spin / self.unit))
+        rows = self.differences(z)
         return rows[:-1], rows[-1]
 
     def differences(
-        self, z: np.ndarray, read: Callable[[Image], np.ndarray], senses: np.ndarray | None = None
+        self, z: np.ndarray, senses: np.ndarray | None = None, mark: Callable[["ReturnMap", Image], float] | None = None
     ) -> np.ndarray:
-        """Derivatives by the coordinates of what `read` returns of an image, one row each.
+        """Derivatives of the image, of the spin in its unit, and of a `mark`, by the coordinates, one row each.
 
         They are central, or with `senses` (1 or -1) of the coordinates to one side only, as where an end grazes.
         """
-        if senses is None:
-            widths = np.full(z.size, 2 * self.step)
-            pairs = [(self.image(z + d), self.image(z - d)) for d in self.step * np.eye(z.size)]
+        steps = np.diag(np.full(z.size, self.step) if senses is None else self.one_sided * senses)
+        back = z - steps if senses is None else [z]
+        points = np.concatenate([z + steps, back])
+        if mark is None:
+            seen = self.images(points)
         else:
-            widths, here = self.one_sided * senses, self.image(z)
-            pairs = [(self.image(z + d), here) for d in np.diag(widths)]
-        return np.array([read(ahead) - read(back) for ahead, back in pairs]).T / widths
+            along = [self.image(point) for point in points]
+            seen = np.array([[*image.point, image.spin / self.unit, mark(self, image)] for image in along])
+        return (seen[: z.size] - seen[z.size :]).T / (np.diag(steps) * (2 if senses is None else 1))
 
     def in_own_section(
         self, now: T, passage: Passage, make: Callable[["ReturnMap", np.ndarray], T], simplest: bool = True
@@ -282,6 +339,8 @@ class ReturnMap:
 
 def _check(status: int) -> None:
     """Refuse what the kernel has come to: a motion that does not go on is no orbit, a fault of the kernel is an error."""
+    if status in WHY_NONE:
+        raise OrbitLost(WHY_NONE[status])
     if status in (MAX_EVENTS, JAMMED, RECORD_FULL):
         raise OrbitLost(STATUS_MESSAGES[status])
     if status != OK:

@@ -169,7 +169,7 @@ def of_orbit(section: Section, state: np.ndarray, modes: np.ndarray, periods: in
     def mapped(by: float, k: int) -> np.ndarray:
         moved = point.copy()
         moved[k] += by
-        image, contact = section.after(section.held(section.state(moved), modes), periods)
+        image, contact = section.after(section.state(moved, modes), periods)
         if close or (contact != modes).any():
             raise ParameterError("multipliers: the section lies at an event of the motion; shift it with phi0")
         return image[free]
@@ -375,7 +375,7 @@ def _from_twin(
     """
     apart = section.rtol**0.5  # far above the errors of the map, far below the size of the motion
     free, left, point = free_coordinates(here), free_coordinates(there), section.point(state)
-    twin = section.held(section.state(point + apart * directions[0]), here)
+    twin = section.state(point + apart * directions[0], here)
     started = np.linalg.norm((section.point(twin) - point)[free])
     away, column = section.after(twin, 1)[0] - section.after(state.copy(), 1)[0], np.zeros((len(NAMES), 1))
     if settled or any(away[k] for k in left if NAMES[k] in FORGOTTEN):

@@ -4,17 +4,27 @@ The cyclic ones are place, heading and spin angle. The others are the gaps and t
 and the velocity of the centre of mass along and across the axis, in units of g/omega^2, g/omega, and g/omega over h and r.
 """
 
+from functools import cached_property
+from math import cos
+from typing import Any
+
 import numpy as np
 
 from dimersweep.kernel.batch import ask_for
 from dimersweep.kernel.compiler.records import as_object
 from dimersweep.kernel.course import Workspace, new_workspace
-from dimersweep.kernel.model.body import dimer_of, dip_of, slip_at
-from dimersweep.kernel.model.layout import CA, CB, FREE, OK, SPIN, STATUS_MESSAGES, STICK, WP, State
+from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.layout import FREE, OK, ROW, STATUS_MESSAGES, STICK, State
+from dimersweep.kernel.numerics.sincos import TWO_PI
+from dimersweep.kernel.passage import new_reading
 from dimersweep.kernel.record import no_record
 from dimersweep.kernel.return_map import advance
+from dimersweep.kernel.section import SLOTS, state_at
 
 NAMES = ("gap_1", "gap_2", "gap_1_rate", "gap_2_rate", "turn_rate", "spin", "along", "across")
+_UNIT_SLOTS = [ROW.index(name) for name in ("f", "g", "tilt", "A_r", "r_1", "r_2")]
+_SLOTS = list(SLOTS)
+_NO_POINT, _NO_READING = np.empty(0), new_reading(0, 0)
 
 
 class Section:
@@ -32,35 +42,34 @@ class Section:
 
     def __init__(self, row: np.ndarray, rtol: float, space: Workspace | None = None) -> None:
         self.row, self.rtol = row, rtol
-        self.dm = as_object(dimer_of(row))
-        omega = self.dm.omega
-        v = self.dm.g / omega
-        self.units = np.array(
-            [v / omega, v / omega, v, v, v / (0.5 * self.dm.l), v / max(self.dm.p1.r, self.dm.p2.r), v, v]
-        )
-        self.space, self.record = space or new_workspace(), no_record()
+        f, g, tilt, A_r, r_1, r_2 = row[_UNIT_SLOTS].tolist()
+        omega = TWO_PI * f
+        v, length = g * cos(tilt) / omega, (A_r - 1.0) * (r_1 + r_2)
+        self.units = np.array([v / omega, v / omega, v, v, v / (0.5 * length), v / max(r_1, r_2), v, v])
+        self.space = space or new_workspace()
+
+    @cached_property
+    def dm(self) -> Any:
+        """The dimer, for Python."""
+        return as_object(dimer_of(self.row))
 
     def point(self, state: np.ndarray) -> np.ndarray:
         """The point of the section that a kernel state is at."""
-        s = State(*state)
-        return np.array([s.d1, s.d2, s.n1, s.n2, s.wp, s.spin, s.ca, s.cb]) / self.units
+        return state[_SLOTS] / self.units
 
-    def state(self, point: np.ndarray) -> np.ndarray:
-        """The kernel's state at a point; a gap that is below zero by a rounding of the point is closed."""
-        d1, d2, n1, n2, wp, spin, ca, cb = point * self.units
-        d1, d2 = max(0.0, d1), max(0.0, d2)
-        dip = dip_of(self.dm, d2 - d1)
-        wb = (n2 - n1) / (self.dm.l * np.cos(self.dm.beta_0 + dip))
-        return np.array(State(d1=d1, d2=d2, n1=n1, n2=n2, dip=dip, wb=wb, wp=wp, spin=spin, ca=ca, cb=cb))
+    def state(self, point: np.ndarray, modes: np.ndarray) -> np.ndarray:
+        """The kernel's state at a point with the ends in their friction modes.
+
+        A gap that is below zero by a rounding of the point is closed. Ends that stick are at rest: the motion of the centre of
+        mass follows from the other rates.
+        """
+        state = np.array(State())
+        state_at(self.row, self.units, point, modes, self.space.dimer, state)
+        return state
 
     def held(self, state: np.ndarray, modes: np.ndarray) -> np.ndarray:
-        """The state with the ends that stick at rest: the motion of the centre of mass follows from the other rates."""
-        if (modes == STICK).all():
-            state[WP] = -state[SPIN] * self.dm.sin_0 / self.dm.cos_0  # it rolls straight on, or as a cone
-        for i in np.flatnonzero(modes == STICK):
-            along, across = slip_at(self.dm, state, i)
-            state[CA] -= along
-            state[CB] -= across
+        """The state, modified in place, with the ends that stick at rest."""
+        state_at(self.row, self.units, _NO_POINT, modes, self.space.dimer, state)
         return state
 
     def after(self, state: np.ndarray, periods: int) -> tuple[np.ndarray, np.ndarray]:
@@ -72,7 +81,7 @@ class Section:
             If the kernel cannot go on.
         """
         modes = np.zeros(2)
-        status = advance(self.row, state, modes, ask_for(periods, self.rtol), self.space, self.record)
+        status = advance(self.row, state, modes, ask_for(periods, self.rtol), self.space, no_record(), _NO_READING)
         if status != OK:
             raise RuntimeError(STATUS_MESSAGES[status])
         return self.point(state), modes
@@ -84,8 +93,9 @@ def free_coordinates(modes: np.ndarray) -> list[int]:
     An end on the plate has neither gap nor rate. Where one sticks, the centre of mass moves as it must; where both do, only
     the spin is left.
     """
-    free = [k for k in range(4) if modes[k % 2] == FREE]
-    if not (modes == STICK).all():
+    first, second = modes.tolist()
+    free = [k for k in range(4) if (first, second)[k % 2] == FREE]
+    if not first == second == STICK:
         free.append(4)
     free.append(5)
-    return free if (modes == STICK).any() else [*free, 6, 7]
+    return free if STICK in (first, second) else [*free, 6, 7]

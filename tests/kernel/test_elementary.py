@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import dimersweep
+from dimersweep import orbits
 from dimersweep.kernel import batch, return_map, sample
 from dimersweep.kernel.compiler.cache import load
 from dimersweep.kernel.compiler.versions import code_version
@@ -118,8 +119,9 @@ def object_codes():
     outcomes()
     dimersweep.simulate(periods=3).states([0.01, 0.02])
     section = Section(Parameters().row(), 1e-8)
-    section.after(section.state(np.zeros(8)), 1)
-    for kernel in (batch.run_rows, sample.sample, return_map.advance, body.fill_dimer):
+    section.after(section.state(np.zeros(8), np.zeros(2)), 1)
+    orbits.find(spin=100.0)
+    for kernel in (batch.run_rows, sample.sample, return_map.advance, return_map.images, body.fill_dimer):
         assert kernel.dispatcher.overloads
         for signature in kernel.dispatcher.overloads:
             parts = pickle.loads(load(code_version(way()), kernel.dispatcher._cache._name(signature)))

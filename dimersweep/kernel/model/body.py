@@ -235,15 +235,6 @@ def extent(dm):
 # --- for Python ---------------------------------------------------------------------------------------------------------
 
 
-def dip_of(dm, rise):
-    """Dip above level [rad] at which p2 is higher over the plate than p1 by `rise` [m]; floats, or arrays of one shape."""
-    share = np.asarray(rise) / dm.l
-    sin_b = np.clip(dm.sin_0 + share, -1.0, 1.0)
-    cos_b = np.sqrt((1.0 - sin_b) * (1.0 + sin_b))
-    sin_d = share * (dm.cos_0 + dm.sin_0 * (sin_b + dm.sin_0) / (cos_b + dm.cos_0))
-    return np.arctan2(sin_d, cos_b * dm.cos_0 + sin_b * dm.sin_0)
-
-
 def rise_at(dm, beta):
     """By how much p2 is higher over the plate than p1 [m] at the dip angle `beta` [rad]; floats, or arrays of one shape."""
     dip = beta - dm.beta_0

@@ -193,24 +193,17 @@ def zeta_of(c_a, c_b, bouncer):
     return atan2(abs(c_b), forward) if c_a != 0.0 or c_b != 0.0 else nan
 
 
-def ends_sticking(dm, a, b):
-    """Whether an end with this slip ends a double impact sticking: below the line drawn here slip is of no consequence."""
+@compiled
+def sticks(dm, state, i):
+    """Whether end i ends a double impact sticking: below the line drawn here slip is of no consequence."""
+    _, a, b = contact_velocity(dm, state, i)
     return sqrt(a * a + b * b) <= SLIP_LINE * dm.g / dm.omega
 
 
-def double_end(other_sticks, bouncer_sticks):
-    """How a double impact ends: the code in ``layout.DI_ENDS``, which names the end that stays down before the bouncer."""
-    return DI_SP_SP + 2 * other_sticks + bouncer_sticks
-
-
-_ends_sticking, _double_end = compiled(ends_sticking), compiled(double_end)
-
-
 @compiled
-def sticks(dm, state, i):
-    """Whether end i ends a double impact sticking."""
-    _, a, b = contact_velocity(dm, state, i)
-    return _ends_sticking(dm, a, b)
+def double_end(dm, state, i):
+    """How a double impact ends: the code in ``layout.DI_ENDS``, which names the end that stays down before the bouncer, i."""
+    return DI_SP_SP + 2 * sticks(dm, state, 1 - i) + sticks(dm, state, i)
 
 
 @compiled
@@ -241,7 +234,7 @@ def note_impact(dm, state, past, both, i, begins):
     event.speed = length(state[CA], state[CB])
     event.zeta = zeta_of(state[CA], state[CB], i)
     event.theta, event.spin, event.beta_rate = state[THETA], state[SPIN], state[WB]
-    event.end = _double_end(sticks(dm, state, 1 - i), sticks(dm, state, i))
+    event.end = double_end(dm, state, i)
 
 
 @compiled

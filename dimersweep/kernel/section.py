@@ -1,0 +1,77 @@
+"""The section of the return map: the point that a state is at, in coordinates that leave out the cyclic ones, and the state at
+a point.
+
+The coordinates are the gaps and their rates, theta' cos(beta), the axial spin, and the velocity of the centre of mass along
+and across the axis, each in a unit of its own.
+"""
+
+from math import sqrt
+
+from dimersweep.kernel.compiler.jit import compiled, exported
+from dimersweep.kernel.model.body import attitude, contact_velocity, set_dimer
+from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, N1, N2, N_STATE, SPIN, STICK, WB, WP
+from dimersweep.kernel.numerics.elementary import atan2
+
+SLOTS = (D1, D2, N1, N2, WP, SPIN, CA, CB)  # of the coordinates in a state
+N_POINT, SPIN_COORDINATE = len(SLOTS), SLOTS.index(SPIN)
+
+
+@compiled
+def set_point(state, units, point):
+    """Fill in the point of a state."""
+    for k in range(N_POINT):
+        point[k] = state[SLOTS[k]] / units[k]
+
+
+@compiled
+def dip_of(dm, rise):
+    """Dip above level [rad] at which p2 is higher over the plate than p1 by `rise` [m]."""
+    share = rise / dm.l
+    sin_b = min(1.0, max(-1.0, dm.sin_0 + share))
+    cos_b = sqrt((1.0 - sin_b) * (1.0 + sin_b))
+    sin_d = share * (dm.cos_0 + dm.sin_0 * (sin_b + dm.sin_0) / (cos_b + dm.cos_0))
+    return atan2(sin_d, cos_b * dm.cos_0 + sin_b * dm.sin_0)
+
+
+@compiled
+def set_state(dm, units, point, modes, state):
+    """Fill in the state at a point with the ends in their friction modes; a gap that is below zero by a rounding is closed."""
+    for k in range(N_STATE):
+        state[k] = 0.0
+    for k in range(N_POINT):
+        state[SLOTS[k]] = point[k] * units[k]
+    state[D1], state[D2] = max(0.0, state[D1]), max(0.0, state[D2])
+    state[DIP] = dip_of(dm, state[D2] - state[D1])
+    _, cos_b = attitude(dm, state[DIP])
+    state[WB] = (state[N2] - state[N1]) / (dm.l * cos_b)
+    hold(dm, modes, state)
+
+
+@compiled
+def hold(dm, modes, state):
+    """Bring the ends that stick to rest: the motion of the centre of mass follows from the other rates."""
+    if modes[0] == STICK and modes[1] == STICK:
+        state[WP] = -state[SPIN] * dm.sin_0 / dm.cos_0  # it rolls straight on, or as a cone
+    for i in range(2):
+        if modes[i] == STICK:
+            _, along, across = contact_velocity(dm, state, i)
+            state[CA] -= along
+            state[CB] -= across
+
+
+# --- for Python -------------------------------------------------------------------------------------------------------
+
+
+@exported
+def state_at(row, units, point, modes, dimer, state):
+    """Fill in the state at a point, shape (N_POINT,), see `set_state`; without a point, hold the state as it is.
+
+    `row`, shape (N_ROW,), and `units`, shape (N_POINT,), are those of the dimer; `dimer`, an array of one, is
+    scratch.
+    """
+    dm = dimer[0]
+    set_dimer(row, dm)
+    if point.shape[0] == N_POINT:
+        set_state(dm, units, point, modes, state)
+    else:
+        hold(dm, modes, state)
