@@ -6,6 +6,9 @@ medians, the median over the pairs of B's time over A's, and an interval for it 
 assumption on the noise: together, the intervals of all verbs and scenes hold the truth with 95 %. A folder may stand for a
 revision. The loops of the verbs are those of each revision, or these where it has none.
 
+``--verbs find follow border family sustained later attractors fit`` times what is built on the engine instead, by the processor
+time of a call each (``analysis_worker.py``): a call takes up to seconds, and they are asked for by name only.
+
 ``--compile ROUNDS`` times what each takes to compile its kernel from nothing, in turn, on a processor: other programs change
 that little. The plain way of compiling is timed where ``DIMERSWEEP_COMPILER=plain`` is set.
 """
@@ -25,6 +28,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from analysis_worker import ASKED
 from scipy.stats import binom
 from speed import SCENES
 from verbs_loops import VERBS, Harvest
@@ -170,10 +174,12 @@ def inputs_for(found: Harvest, tree: Path, cache: Path, folder: Path) -> Path:
     return file
 
 
-def question(name: str) -> tuple[bool, list[Any]]:
-    """Whether a name is that of a scene, and what a worker is asked."""
+def question(name: str) -> tuple[str, Any]:
+    """The script that times what has a name, none for the verbs of a tree, and what it is asked."""
+    if name in ASKED:
+        return "analysis_worker.py", name
     scene = name.removeprefix("scene: ")
-    return (True, [SCENES[scene], SECONDS]) if scene != name else (False, [name, SECONDS])
+    return ("scenes_worker.py", [SCENES[scene], SECONDS]) if scene != name else ("", [name, SECONDS])
 
 
 def timed_pair(
@@ -181,19 +187,27 @@ def timed_pair(
 ) -> np.ndarray:
     """Median times of each verb or scene in one pair of processes, shape (names, 2) [s]; NaN where a tree has it not."""
     each = list(zip(trees, caches, inputs, strict=True))
-    verbs = [Worker(script_of(tree), str(found), tree, cache) for tree, cache, found in each]
-    scenes = [Worker(HERE / "scenes_worker.py", "", tree, cache) for tree, cache, _ in each]
-    on_one_core([*verbs, *scenes])
-    rows = np.full((len(names), TURNS, 2), np.nan)
+    scripts = {script for script, _ in map(question, names)}
+    workers = {
+        script: [
+            Worker(HERE / script, "", tree, cache) if script else Worker(script_of(tree), str(found), tree, cache)
+            for tree, cache, found in each
+        ]
+        for script in scripts
+    }
+    every = [worker for pair in workers.values() for worker in pair]
+    on_one_core(every)
+    taken = np.empty((len(names), 2))
     for k, name in enumerate(names):
-        is_scene, asked = question(name)
-        workers = scenes if is_scene else verbs
-        for turn in range(TURNS):
+        script, asked = question(name)
+        rows = np.full((1 if name in ASKED else TURNS, 2), np.nan)
+        for turn, row in enumerate(rows):
             for which in (0, 1) if turn % 2 == 0 else (1, 0):
-                rows[k, turn, which] = workers[which].ask(asked)
-    for worker in (*verbs, *scenes):
+                row[which] = workers[script][which].ask(asked)
+        taken[k] = np.median(rows, axis=0)
+    for worker in every:
         worker.close()
-    return np.median(rows, axis=1)
+    return taken
 
 
 def compare(revisions: Sequence[str], names: Sequence[str], pairs: int) -> np.ndarray:
@@ -250,7 +264,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("revisions", nargs=2, metavar="REV")
-    parser.add_argument("--verbs", nargs="+", choices=NAMES, default=NAMES, metavar="VERB")
+    parser.add_argument("--verbs", nargs="+", choices=[*NAMES, *ASKED], default=NAMES, metavar="VERB")
     parser.add_argument("--pairs", type=int, default=12, help="pairs of processes")
     parser.add_argument("--compile", type=int, metavar="ROUNDS", help="time compiling instead, so many times")
     given = parser.parse_args(arguments)
