@@ -13,7 +13,7 @@ import typer
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import WAVES
-from dimersweep.symbols import BASE, GIVEN, HIGHER, INSTEAD, LEFT_OUT, START, value_shown
+from dimersweep.symbols import BASE, GIVEN, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, START, value_shown
 
 OUTPUT, RUN = "Output", "Run"  # groups of options, beside those of `_group_of`
 
