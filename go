@@ -83,9 +83,10 @@ check_sources() {
 }
 
 build_site() {
+    local begun=$SECONDS
     rm -rf docs/generated # pages of names that are gone would be orphans
-    step "$@" python -m sphinx -W --keep-going --fresh-env --quiet docs build/docs
-    echo "site: build/docs/index.html"
+    step "$@" python -m sphinx -W --keep-going --fresh-env ${quiet:-} docs build/docs
+    echo "site: build/docs/index.html, in $((SECONDS - begun)) s"
 }
 
 # its pages, links and docstrings, without running the cells
@@ -102,7 +103,7 @@ run_tests() {
 # two processors: what needs one of them goes beside the rest; where tests wait, a third goes on
 run_checks() {
     make_scratch
-    local failed=0 site="$1"
+    local failed=0 site="$1" quiet=--quiet # its pages in a log would be many lines
     begin check_sources
     make_small_cubes with_extra "" # this leaves compiled kernels in the cache for all that follows
     begin run_tests "${@:2}"
@@ -129,6 +130,7 @@ release)
     ;;
 docs)
     set_up ".[docs]"
+    echo "building the site, in a few minutes: Sphinx names each page that it reads, runs and writes"
     build_site
     ;;
 matrix)
