@@ -142,6 +142,7 @@ def test_each_example_of_the_help_is_a_call_that_is_understood():
         ("borders atl", [name for name in presets("borders") if name.startswith("atl")]),
         ("plot x.nc --kind mode", [kind for kind in PICTURE_KINDS if kind.startswith("mode")]),
         ("plot x.nc --quantity rad", [name for name in QUANTITIES if name.startswith("rad")]),
+        ("fit track.csv mu", [f"{name}=" for name in PARAMETERS if name.startswith("mu")]),
         ("plot x.nc --select bet", [f"{name}=" for name in PARAMETERS if name.startswith("bet")]),
     ],
 )

@@ -33,7 +33,7 @@ OF_ATTRACTORS = ("attractor", "mode", "share", "share_low", "share_high", "perio
 OF_FATES = ("fate", "spin_low", "spin_high")
 HEADS = {"word": "sequence"}  # of columns that have other names in files
 OF_LATER = ("spin", "radius", "period", "zeta")
-SETTLING = 2000  # forcing periods in which a start has settled on its orbit, if it does
+SETTLED_WITHIN = 2000  # forcing periods in which a start has settled on its orbit, if it does
 
 Before = Annotated[int, number_option("Forcing periods that are run before.", int)]
 
@@ -96,7 +96,7 @@ def later(
     from dimersweep import orbits as found
     from dimersweep.runs.simulating import simulate
 
-    start = None if spin is not None else simulate(periods=SETTLING, stop_when_settled=True, **given)
+    start = None if spin is not None else simulate(periods=SETTLED_WITHIN, stop_when_settled=True, **given)
     if start is not None and not start.mode_period:
         raise ParameterError(f"the start leads to {start.mode}, which is on no orbit; give another one, or --spin")
     orbit = found.find(start, spin=spin, **given)

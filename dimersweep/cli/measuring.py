@@ -21,6 +21,7 @@ from dimersweep.cli.options import (
 )
 from dimersweep.cli.printing import Printer, telling
 from dimersweep.errors import ParameterError, unknown
+from dimersweep.symbols import PARAMETERS
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,14 +70,17 @@ def waveform(
         keep(tell, found, out, plot, force=force, noun="plate")
 
 
+def fitted() -> list[str]:
+    """Return how ranges begin of what can be fitted."""
+    return [f"{name}=" for name in (*PARAMETERS, "spin")]
+
+
 @telling
 @with_parameters
 def fit(
     tell: Printer,
     track: Annotated[Path, argument("TRACK.csv", "Columns of times and places of the centre of mass.")],
-    free: Annotated[
-        list[str], argument("NAME=LOW:HIGH...", "Ranges of what is fitted, such as e=0.5:0.7, spin=100:160.")
-    ],
+    free: Annotated[list[str], argument("NAME=LOW:HIGH...", "Ranges to fit, such as e=0.5:0.7.", fitted)],
     *,
     t: Column = None,
     x: Column = None,
