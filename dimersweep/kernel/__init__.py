@@ -1,5 +1,5 @@
 """The compiled core: the paper's model over flat arrays, importing numpy, numba and the standard library only."""
 
-from dimersweep.kernel.compiler.ways import kernel_version
+from dimersweep.kernel.compiler.versions import kernel_version
 
 __all__ = ["kernel_version"]

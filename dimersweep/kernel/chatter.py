@@ -49,7 +49,7 @@ def rest_of_chatter(dm, c, state, i, faint, tol):
     p, n = end(dm, i), state[N1 + i]
     lv = levers(p, *attitude(dm, state[DIP]))
     press = c.F[F1 + 3 * i] * delassus(dm, lv, lv).nn
-    if n <= FLOOR * dm.v_scale or (press > 0.0 and n**3 * heaviest(dm) <= faint**3 * press):
+    if n <= FLOOR * dm.v_scale or (press > 0.0 and n * n * n * heaviest(dm) <= faint * faint * faint * press):
         return 0.0
     if p.e >= 1.0 or press <= 0.0 or p.mu_h != p.mu_s:
         return NOTHING
@@ -63,7 +63,7 @@ def rest_of_chatter(dm, c, state, i, faint, tol):
 def stays_open(dm, state, j, time):
     """Whether end j certainly stays off the plate for so long."""
     _, far = body.extent(dm)
-    fall = heaviest(dm) + far * (state[WB] ** 2 + state[WP] ** 2 + state[SPIN] ** 2)
+    fall = heaviest(dm) + far * (state[WB] * state[WB] + state[WP] * state[WP] + state[SPIN] * state[SPIN])
     return state[D1 + j] + time * (state[N1 + j] - fall * time) >= 0.0
 
 
@@ -72,7 +72,7 @@ def lands_slowly(dm, state, rate):
     """Whether an end that lands within the next hops of a rattle lands no faster than this."""
     most = heaviest(dm)
     for j in range(2):
-        fast = state[N1 + j] ** 2 + 2.0 * most * state[D1 + j] > rate * rate
+        fast = state[N1 + j] * state[N1 + j] + 2.0 * most * state[D1 + j] > rate * rate
         if fast and not stays_open(dm, state, j, ALONE * rate / dm.g):
             return False
     return True
@@ -164,7 +164,7 @@ def close(dm, c, state, tol, energy):
         close_both(dm, c, state)
     else:
         close_one(dm, c, state, 0 if c.modes[0] != FREE else 1)
-    limit = energy + max(tol, FLOOR) * (energy + 0.5 * dm.m * dm.most_speed**2)
+    limit = energy + max(tol, FLOOR) * (energy + 0.5 * dm.m * (dm.most_speed * dm.most_speed))
     gains = body.kinetic(dm, state) > limit
     drives = (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
     if (not gains and not drives) or max(before[N1], before[N2]) <= FLOOR * dm.v_scale:

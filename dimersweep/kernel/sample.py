@@ -134,7 +134,7 @@ def follow_hops(dm, space, segment, motion, span, rtol, record):
     start_later(space.row, start - state[PHASE])
     begin_past(motion.past[0])
     set_dimer(space.row, space.later_dimer[0])
-    status, _ = evolve(space.later_dimer[0], Ask(1, rtol, rtol**3, False, True), motion, record)
+    status, _ = evolve(space.later_dimer[0], Ask(1, rtol, rtol * rtol * rtol, False, True), motion, record)
     state[PHASE], state[PERIOD] = start + dm.omega * span, periods
     return status
 

@@ -134,7 +134,7 @@ def follow_contact(dm, ask, motion):
     state, y, span = motion.state, motion.contact, (TWO_PI - motion.state[PHASE]) / dm.omega
     if motion.work.course[0].tally.wanted:
         # works count in the energy of the motion and of the plate
-        plate = 0.5 * dm.m * (dm.most_speed**2 + dm.v_scale**2)
+        plate = 0.5 * dm.m * (dm.most_speed * dm.most_speed + dm.v_scale * dm.v_scale)
         energy = kinetic(dm, state) + plate
         motion.work.control[0].doubt = max(FINER * ask.rtol, FINEST) * energy
         begin_phase(y, motion.work)

@@ -300,7 +300,7 @@ def forces(row: np.ndarray, states: np.ndarray, modes: np.ndarray, F: np.ndarray
     slide = both & (modes == SLIP).all(1)
     for i, p in enumerate((dm.p1, dm.p2)):
         along, across = slip_at(dm, states[slide].T, i)
-        speed = np.hypot(along, across)
+        speed = np.sqrt(along * along + across * across)
         with np.errstate(invalid="ignore"):  # a slip that just turns back has no direction
             axial[i, slide] = -plain(slip_mu)(p, speed) * F[slide, F1 + i * (F2 - F1)] * along / speed
     return {

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from inspect import Parameter, Signature, cleandoc
-from math import cos, degrees, pi, sin
+from math import degrees, pi
 from typing import Any, TypeGuard
 
 import numpy as np
@@ -13,6 +13,7 @@ from dimersweep.inputs import as_number
 from dimersweep.kernel.model.body import dimer_of, rise_at
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, N_STATE, Dimer, State
 from dimersweep.kernel.model.plate import motion
+from dimersweep.kernel.numerics.sincos import sine_and_cosine
 from dimersweep.parameters import dimer_from
 from dimersweep.symbols import BASE, FORMER_NAMES, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, STAND_INS, STATE_QUANTITIES
 
@@ -90,17 +91,20 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
     theta, theta_rate = start.get("theta", 0.0), start.get("theta_rate", 0.0)
     u, v = start.get("x1_rate", 0.0), start.get("y1_rate", 0.0)
     rise_rate = start["z1_rate"] - float(motion(dm, dm.phi0)[1]) if "z1_rate" in start else 0.0
-    sin_t, cos_t, across = sin(theta), cos(theta), theta_rate * cos(beta)
-    away = dm.p1.h * cos(beta)  # of ball 1 from the centre of mass, along the heading
+    (sin_b, cos_b), (sin_t, cos_t) = map(sine_and_cosine, (beta, theta))
+    across, away = (
+        theta_rate * cos_b,
+        dm.p1.h * cos_b,
+    )  # the latter of ball 1 from the centre of mass, along the heading
     state = State(
         0.0,
         *gaps,
-        *_both(start, "gap_{}_rate", dm.l * cos(beta) * beta_rate, rise_rate),
+        *_both(start, "gap_{}_rate", dm.l * cos_b * beta_rate, rise_rate),
         dip=beta - dm.beta_0 if gaps[0] != gaps[1] else 0.0,
         wb=beta_rate,
         wp=across,
-        spin=start.get("gamma_rate", 0.0) + theta_rate * sin(beta),
-        ca=v * cos_t - u * sin_t + dm.p1.h * sin(beta) * beta_rate,
+        spin=start.get("gamma_rate", 0.0) + theta_rate * sin_b,
+        ca=v * cos_t - u * sin_t + dm.p1.h * sin_b * beta_rate,
         cb=u * cos_t + v * sin_t + dm.p1.h * across,
         theta=theta,
         x1=start.get("x1", start["x"] - away * sin_t if "x" in start else 0.0),
@@ -175,8 +179,9 @@ def fitted(start: np.ndarray, before: np.ndarray, row: np.ndarray) -> np.ndarray
     if (old.l, old.sin_0) == (new.l, new.sin_0):
         return start
     s = State(*start[0, :N_STATE].tolist())
-    rise = 2.0 * new.l * sin(0.5 * s.dip) * cos(new.beta_0 + 0.5 * s.dip)  # with all digits near level
-    apart = new.l * cos(new.beta_0 + s.dip) * s.wb
+    half, between, now = map(sine_and_cosine, (0.5 * s.dip, new.beta_0 + 0.5 * s.dip, new.beta_0 + s.dip))
+    rise = 2.0 * new.l * half[0] * between[1]  # with all digits near level
+    apart = new.l * now[1] * s.wb
     moved = start.copy()
     if s.d1 <= s.d2:
         moved[0, [D2, N2]] = s.d1 + rise, s.n1 + apart

@@ -32,6 +32,7 @@ from dimersweep.storage.provenance import attributes
 from dimersweep.studies.making import in_memory
 from dimersweep.studies.observers import EndStates, Observer
 from dimersweep.studies.observing import own_of
+from dimersweep.studies.point_tables import between
 from dimersweep.studies.study import Study
 from dimersweep.studies.telling_apart import Attractor, Classifier, distance, matched
 from dimersweep.symbols import PARAMETERS, START, Quantity
@@ -215,7 +216,7 @@ def drawn_starts(ranges: Any, fixed: Any, points: Any, starts: int, seed: int) -
         raise ParameterError(f"seed = {seed!r}: must be a whole number >= 0")
     pairs, draw = {name: _pair(name, pair) for name, pair in ranges.items()}, np.random.default_rng(int(seed))
     make_points(pairs, fixed)
-    return {name: draw.uniform(low, high, size=count) for name, (low, high) in pairs.items()}
+    return {name: between(low, high, False, draw.random(count)) for name, (low, high) in pairs.items()}
 
 
 def _check_starts(names: Iterable[str]) -> None:

@@ -85,7 +85,7 @@ def draw_points(
     else:
         engine = qmc.Sobol if sample == "sobol" else qmc.LatinHypercube
         unit = engine(len(boxes), seed=rng).random(n)
-    return {name: _between(*box, share) for (name, box), share in zip(boxes.items(), unit.T, strict=True)}
+    return {name: between(*box, share) for (name, box), share in zip(boxes.items(), unit.T, strict=True)}
 
 
 def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
@@ -100,7 +100,7 @@ def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
     return low, high, by_ratio
 
 
-def _between(low: float, high: float, by_ratio: bool, share: np.ndarray) -> np.ndarray:
+def between(low: float, high: float, by_ratio: bool, share: np.ndarray) -> np.ndarray:
     """The values at shares in [0, 1) of a range; by ratio each is the nearest float, as in `cubes.grid`."""
     if not by_ratio:
         return low + (high - low) * share

@@ -22,7 +22,9 @@ from dimersweep.kernel.model.layout import (
     STOPPED,
     WAVES,
 )
+from dimersweep.kernel.numerics.elementary import angles
 from dimersweep.parameters import Parameters, fill_rows, value_of
+from dimersweep.studies.point_tables import between
 from dimersweep.symbols import BASE, ENDS, LEFT_OUT
 from tests.checks.examine import CODE, examine, lies
 
@@ -42,8 +44,8 @@ def pick(rng, n, usual, *special, share=0.05):
 
 
 def log_uniform(rng, low, high, n):
-    """Values whose logarithm is uniform."""
-    return np.exp(rng.uniform(np.log(low), np.log(high), n))
+    """Values whose logarithm is uniform, the same ones on every processor."""
+    return between(low, high, True, rng.random(n))
 
 
 def far(rng, n):
@@ -190,7 +192,8 @@ def starts(rng, n, columns, reach):
     """Starts over the plate or on it, with either end down or both, that turn about every axis."""
     tiny = log_uniform(rng, 1e-12, 1e-2, n)
     r_1, r_2 = columns["r_1"], columns["r_2"]
-    level = np.arcsin((r_2 - r_1) / ((columns["A_r"] - 1.0) * (r_1 + r_2)))
+    rise = (r_2 - r_1) / ((columns["A_r"] - 1.0) * (r_1 + r_2))
+    level = angles(rise, np.sqrt((1.0 - rise) * (1.0 + rise)))
     beta0 = rng.choice([-1.0, 1.0], n) * columns["beta0"]
     return {
         "beta0": pick(rng, n, beta0, level, level + tiny, level - tiny, 0.0),

@@ -5,8 +5,9 @@ what is private in Numba (``linking.py``), and may fail on any other Numba: then
 """
 
 import functools
+import linecache
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib import import_module
 from typing import Any
 
@@ -15,11 +16,12 @@ from numba import types
 from numba.extending import lower_builtin, lower_cast, typeof_impl
 
 from dimersweep.kernel.compiler.cache import kept
+from dimersweep.kernel.compiler.fusing import fused
 from dimersweep.kernel.compiler.versions import code_version
 from dimersweep.kernel.compiler.ways import FAST, PLAIN, PYTHON, asked_way, give_up, take, way
 
-# no fastmath: it would break the ordering of events and the meaning of nan; error_model "numpy" spares a branch
-# per division (a kernel never raises)
+# no fastmath: it would break the ordering of events and the meaning of nan, and have each compiler round as it likes (see
+# ``fusing.py``); error_model "numpy" spares a branch per division (a kernel never raises)
 _SETTINGS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
 # no reference counts: nothing is allocated, and a part returns no array to code that counts
 _SPARED: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True}
@@ -37,9 +39,10 @@ class Part:
 
     compiler = "PartCompiler"  # the class that compiles it the fast way
 
-    def __init__(self, function: Callable[..., Any], **settings: Any) -> None:
+    def __init__(self, function: Callable[..., Any], lines: Sequence[str] = (), **settings: Any) -> None:
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         self.py_func = function
+        self._lines = lines  # of its file, where its sums of products are fused
         spared = {name: value for name, value in (_SPARED | settings).items() if hasattr(_known, name)}
         self._settings = _SETTINGS | spared
         self._made: dict[str, Any] = {}
@@ -57,7 +60,8 @@ class Part:
         if chosen == FAST:
             linking = import_module("dimersweep.kernel.compiler.linking")
             settings = settings | {"pipeline_class": getattr(linking, self.compiler)}
-        return _without_literals(_njit(**settings)(self.py_func))
+        function = fused(self.py_func, self._lines) if self._lines else self.py_func
+        return _without_literals(_njit(**settings)(function))
 
     def __call__(self, *_: Any) -> Any:
         raise TypeError(f"{self.py_func.__qualname__}: called by compiled code only")
@@ -153,14 +157,15 @@ def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, 
     Parameters
     ----------
     fuse : bool
-        Round sums of products once instead of twice. Not for what treats the ends of the dimer by different expressions,
-        which must agree exactly where they move alike.
+        Round sums of products once instead of twice, by the rule of ``fusing.py``. Not for what treats the ends of the dimer
+        by different expressions, which must agree exactly where they move alike.
     inline : bool
         Write the code into what calls it, however long: for what is called so often that passing its arrays counts.
     """
     if function is None:
         return functools.partial(compiled, fuse=fuse, inline=inline)
+    lines = linecache.getlines(function.__code__.co_filename) if fuse else []  # as they are now: later they may differ
     if way() == PYTHON:
-        return function
+        return fused(function, lines) if fuse else function
     # where forceinline is not set, that of the first caller would hold
-    return Part(function, forceinline=inline, no_cpython_wrapper=True, fastmath={"contract"} if fuse else False)
+    return Part(function, lines, forceinline=inline, no_cpython_wrapper=True)

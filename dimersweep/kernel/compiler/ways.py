@@ -86,11 +86,6 @@ def _tell(reason: str) -> None:
     )
 
 
-def kernel_version() -> str:
-    """Of results: what is compared between a sweep and its workers, or the one it goes on with; 16 hexadecimal digits."""
-    return versions.kernel_version(way())
-
-
 def is_compiled() -> bool:
     """Whether compiled code of this version of the kernel is at hand, or none is needed, so that the next call is quick."""
     return way() == PYTHON or cache.holds(versions.code_version(way()))

@@ -226,7 +226,8 @@ def hidden_dip(p, h):
     returns = b.armed[LANDING] > 0.0 and sign * b.start.y[Y.w_b] > 0.0 > sign * b.out.y[Y.w_b]
     if not (returns or b.armed[JAM] > 0.0 or low_between(p, turn)):
         return 1.0
-    doubt = turn**4 / 384.0 + turn / 24.0  # errors of a cubic by Hermite, and of a parabola through thirds of the step
+    # errors of a cubic by Hermite, and of a parabola through thirds of the step
+    doubt = turn * turn * turn * turn / 384.0 + turn / 24.0
     for k in range(1, 3):
         look_on_cubic(p, k / 3.0, h, True)
         least_value(p, b.probe, values[k])

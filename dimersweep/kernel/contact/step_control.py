@@ -346,7 +346,8 @@ def implicit_error(h, first, last, b):
             top += TOP[j + 1] * b.K[j, k]
             near += NEXT[j] * b.K[j, k]
         ratio = min(1.0, abs(top / near)) if near != 0.0 else 1.0
-        total += (h * top * ratio / b.scale[k]) ** 2
+        error = h * top * ratio / b.scale[k]
+        total += error * error
     return sqrt(total / (last - first))
 
 

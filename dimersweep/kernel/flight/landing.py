@@ -98,7 +98,7 @@ def fall(c0, c1, c2, c3, bound4):
     rate = c1 + reach * (max(0.0, ahead * c2) + reach * (0.5 * max(0.0, c3) + reach * (bound4 / 6.0)))
     if rate >= 0.0:
         return inf, inf
-    off = bound4 * size**4 / (-24.0 * rate)
+    off = bound4 * (size * size * size * size) / (-24.0 * rate)
     return (step, off) if off <= (PAST_CUBIC - 1.0) * size else (inf, inf)
 
 

@@ -77,8 +77,9 @@ def set_dimer(row, dm):
     # fmt: on
     lever = (A_r - 1.0) * (r_1 + r_2)
     rod = lever - (r_1 + r_2)
-    m_1, m_2 = rho_b_1 * 4.0 / 3.0 * pi * r_1**3, rho_b_2 * 4.0 / 3.0 * pi * r_2**3
-    m_r = rho_r * pi * 0.25 * D_r**2 * rod
+    # no powers: Python's come from the system's library
+    m_1, m_2 = rho_b_1 * 4.0 / 3.0 * pi * (r_1 * r_1 * r_1), rho_b_2 * 4.0 / 3.0 * pi * (r_2 * r_2 * r_2)
+    m_r = rho_r * pi * 0.25 * (D_r * D_r) * rod
     m = m_1 + m_2 + m_r
     # places on the axis, from the middle between the ball centres: of the centre of mass, and from there of the rod's middle
     centre = 0.5 * ((m_2 - m_1) * lever + m_r * (r_1 - r_2)) / m
@@ -89,9 +90,9 @@ def set_dimer(row, dm):
     q.s, q.r, q.h, q.e, q.k = 1.0, r_2, h_2, e_2, k_ratio
     set_friction(p, mu_1, mu_s_1, mu_h_1)
     set_friction(q, mu_2, mu_s_2, mu_h_2)
-    J_t = 0.4 * (m_1 * r_1**2 + m_2 * r_2**2) + (m_1 * h_1**2 + m_2 * h_2**2)
-    J_t += m_r * (rod**2 / 12.0 + D_r**2 / 16.0 + rod_at**2)
-    J_a = 0.4 * (m_1 * r_1**2 + m_2 * r_2**2) + 0.125 * m_r * D_r**2
+    J_t = 0.4 * (m_1 * (r_1 * r_1) + m_2 * (r_2 * r_2)) + (m_1 * (h_1 * h_1) + m_2 * (h_2 * h_2))
+    J_t += m_r * (rod * rod / 12.0 + D_r * D_r / 16.0 + rod_at * rod_at)
+    J_a = 0.4 * (m_1 * (r_1 * r_1) + m_2 * (r_2 * r_2)) + 0.125 * m_r * (D_r * D_r)
     dm.m, dm.J_t, dm.J_a = m, J_t, J_a
     dm.im, dm.it, dm.ia = 1.0 / m, 1.0 / J_t, 1.0 / J_a
     dm.l, dm.sin_0 = lever, (r_2 - r_1) / lever

@@ -88,7 +88,8 @@ def hold_left(hold, F, A, L):
 @compiled
 def axial_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
     """How far the sum A of the axial frictions of two held ends is from the limit that the lateral ones L_1, L_2 leave it."""
-    room_1, room_2 = (hold_1 * F_1) ** 2 - L_1**2, (hold_2 * F_2) ** 2 - L_2**2
+    limit_1, limit_2 = hold_1 * F_1, hold_2 * F_2
+    room_1, room_2 = limit_1 * limit_1 - L_1 * L_1, limit_2 * limit_2 - L_2 * L_2
     return sqrt(max(room_1, 0.0)) + sqrt(max(room_2, 0.0)) - abs(A)
 
 
@@ -105,7 +106,8 @@ def hold_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
 def lateral_at_limit(hold, F, L):
     """Lateral part L of the friction that holds an end at its limit, over the size of the axial part."""
     limit = hold * F
-    return L / sqrt(max(limit * limit - L * L, (LEAST_COSINE * limit) ** 2)) if limit > 0.0 else 0.0
+    least = LEAST_COSINE * limit
+    return L / sqrt(max(limit * limit - L * L, least * least)) if limit > 0.0 else 0.0
 
 
 @compiled

@@ -51,7 +51,7 @@ def set_plate(row, f, g, tilt, azimuth, dm):
     for j in range(HARMONICS):
         k = j + 1.0
         Gamma, Gamma_x, Gamma_y = row[ROW_Z + 2 * j], row[ROW_X + 2 * j], row[ROW_Y + 2 * j]
-        dm.A[j], dm.G_x[j], dm.G_y[j] = Gamma * g / (k * omega) ** 2, Gamma_x * g, Gamma_y * g
+        dm.A[j], dm.G_x[j], dm.G_y[j] = Gamma * g / (k * omega * (k * omega)), Gamma_x * g, Gamma_y * g
         if Gamma != 0.0:
             dm.n_z = j + 1
         s, c = sincos((row[ROW_Z + 2 * j + 1] - k * phi0) % TWO_PI) if Gamma != 0.0 else (0.0, 1.0)
@@ -63,8 +63,8 @@ def set_plate(row, f, g, tilt, azimuth, dm):
         acceleration += k * k * dm.A[j]
         jerk += k * k * k * dm.A[j]
         snap += k * k * k * k * dm.A[j]
-    dm.tempo, dm.most_speed, dm.most_acceleration = dm.n_z * omega, speed * omega, acceleration * omega**2
-    dm.most_jerk, dm.most_snap = jerk * omega**3, snap * (omega * omega) * (omega * omega)
+    dm.tempo, dm.most_speed, dm.most_acceleration = dm.n_z * omega, speed * omega, acceleration * (omega * omega)
+    dm.most_jerk, dm.most_snap = jerk * (omega * omega * omega), snap * (omega * omega) * (omega * omega)
 
 
 @compiled(inline=True)
@@ -171,7 +171,7 @@ def most_along(dm):
     most_x, most_y = abs(dm.fall_x), abs(dm.fall_y)
     for j in range(dm.n_along):
         most_x, most_y = most_x + abs(dm.G_x[j]), most_y + abs(dm.G_y[j])
-    return sqrt(most_x**2 + most_y**2)
+    return sqrt(most_x * most_x + most_y * most_y)
 
 
 @compiled
@@ -325,7 +325,7 @@ def motion_along(dm, phase):
     """Place and velocity of the plate along its axes, x, y, x', y', at phases of any shape [m, m s-1]."""
     squares = (dm.omega * np.arange(1, dm.n_along + 1)) ** 2
     (x, v_x, _), (y, v_y, _) = (
-        _motion(dm.omega, G[: dm.n_along] / squares * np.exp(1j * lag[: dm.n_along]), phase)
+        _motion(dm.omega, G[: dm.n_along] / squares * (np.cos(lag) + 1j * np.sin(lag))[: dm.n_along], phase)
         for G, lag in ((dm.G_x, dm.lag_x), (dm.G_y, dm.lag_y))
     )
     return x, y, v_x, v_y
@@ -341,6 +341,6 @@ def _motion(omega, A, phase):
     k = np.arange(1, A.size + 1)
     angles = np.multiply.outer(phase, k)
     s, c = np.sin(angles), np.cos(angles)
-    A_1, A_2 = k * omega * A, (k * omega) ** 2 * A
+    A_1, A_2 = k * omega * A, k * omega * (k * omega) * A
     waves = (A.real * s + A.imag * c, A_1.real * c - A_1.imag * s, -A_2.real * s - A_2.imag * c)
     return tuple(each.sum(axis=-1) for each in waves)

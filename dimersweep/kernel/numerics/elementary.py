@@ -9,7 +9,7 @@ from math import copysign, inf, nan, sqrt
 
 import numpy as np
 
-from dimersweep.kernel.compiler.jit import compiled
+from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.numerics.sincos import TO_WHOLE
 
 PER_LN2, LN2_HIGH, LN2_LOW = 1.44269504088896338700, 6.93147180369123816490e-01, 1.90821492927058770002e-10
@@ -210,3 +210,17 @@ def atan2(y, x):
     if x < 0.0:
         angle = 4.0 * EIGHTH_HIGH - (angle - 4.0 * EIGHTH_LOW)
     return copysign(angle, y)
+
+
+@exported
+def fill_angles(y, x, out):
+    """`atan2` of all entries, into `out`: for Python, as numpy's depend on the processor."""
+    for k in range(out.size):
+        out[k] = atan2(y[k], x[k])
+
+
+def angles(y, x):
+    """The angle of finite vectors (x, y) in [-pi, pi]; floats, or arrays of one shape."""
+    out = np.empty(np.shape(y))
+    fill_angles(np.ravel(y).astype(float), np.ravel(x).astype(float), out.reshape(-1))
+    return out[()]

@@ -46,8 +46,8 @@ def explicit_error(h, K, first, last, scale):
             e5 += DOP_E5[j] * K[j, k]
             e3 += DOP_E3[j] * K[j, k]
         unit = 1.0 / scale[k]
-        sum5 += (e5 * unit) ** 2
-        sum3 += (e3 * unit) ** 2
+        sum5 += e5 * unit * (e5 * unit)
+        sum3 += e3 * unit * (e3 * unit)
     if sum5 == 0.0:
         return 0.0
     size = sqrt((sum5 + 0.01 * sum3) * (last - first))
