@@ -21,7 +21,7 @@ from dimersweep.cubes.results import RESULT, Tile, blank_results, chunks, common
 from dimersweep.errors import KernelError, ParameterError, UnfinishedError
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import is_stopped
-from dimersweep.kernel.compiler import ways
+from dimersweep.kernel.compiler import versions
 from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED, ROW, ROW_BETA0
 from dimersweep.studies.sweep import study_of
 from dimersweep.work import scheduling, stopping, tiles
@@ -202,7 +202,7 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("module", [ways.__name__, "dimersweep.work.scheduling"], ids=["at the start", "later"])
+@pytest.mark.parametrize("module", [versions.__name__, "dimersweep.work.scheduling"], ids=["at the start", "later"])
 def test_workers_with_another_kernel_are_refused(cluster, module):
     def pretend():
         import sys
@@ -220,7 +220,7 @@ def test_workers_with_another_kernel_are_refused(cluster, module):
     cluster.run(pretend)
     try:
         with pytest.raises(
-            ParameterError, match=r"^scheduler: \w+.* has kernel version another, this process [0-9a-f]{16}"
+            ParameterError, match=r"^scheduler: \w+.* has other sources of dimersweep than this process; give all the same"
         ):
             sweep(client=cluster)
     finally:

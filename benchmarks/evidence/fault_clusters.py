@@ -177,12 +177,12 @@ def refused(scene: Scene, before: Callable[[], None], words: str) -> str | None:
 @attack("cluster: a worker has another version")
 def _(scene: Scene) -> str | None:
     def pretend() -> None:
-        from dimersweep.kernel.compiler import ways
+        from dimersweep.kernel.compiler import versions
         from dimersweep.work import scheduling
 
-        ways.kernel_version = scheduling.kernel_version = lambda: "another"
+        versions.kernel_version = scheduling.kernel_version = lambda: "another"
 
-    return refused(scene, pretend, "has kernel version another")
+    return refused(scene, pretend, "has other sources of dimersweep")
 
 
 @attack("cluster: a worker's compiled code is damaged")

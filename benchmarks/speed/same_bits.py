@@ -63,7 +63,7 @@ def questions(n: int) -> list[dict[str, Any]]:
         periods = LONG if long else int(rng.integers(*PERIODS[kind]))
         settings = {
             "periods": periods,
-            "rtol": float(10 ** rng.uniform(-11, -4 if kind == BASE else -3)),
+            "rtol": float(f"{10 ** rng.uniform(-11, -4 if kind == BASE else -3):.3g}"),  # powers are the system's
             "stop_when_settled": stability or bool(rng.random() < 0.5),
             "record": stability or (not long and bool(rng.random() < 0.6)),
         }

@@ -1,5 +1,7 @@
 """Many runs one after the other, each to its verdict; what Python calls."""
 
+from math import nan
+
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled, exported
@@ -96,11 +98,20 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
             status = note_path(dm, ask, run, later, space, kept, outcome)
         if status == STOPPED:
             note_failure(status, outcome, code)
+        keep_one_nan(out[k])
         if code.status == STOPPED:
             return k
         if until >> code.mode & 1:
             return k + 1
     return rows.shape[0]
+
+
+@compiled
+def keep_one_nan(values):
+    """Replace what is no number by the one nan: the sign of 0/0, which no number has, is the processor's."""
+    for k in range(N_OUT):
+        if values[k] != values[k]:
+            values[k] = nan
 
 
 @compiled

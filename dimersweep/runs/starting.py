@@ -13,7 +13,7 @@ from dimersweep.inputs import as_number
 from dimersweep.kernel.model.body import dimer_of, rise_at
 from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, N_STATE, Dimer, State
 from dimersweep.kernel.model.plate import motion
-from dimersweep.kernel.numerics.sincos import sine_and_cosine
+from dimersweep.kernel.numerics.elementary import sine_and_cosine
 from dimersweep.parameters import dimer_from
 from dimersweep.symbols import BASE, FORMER_NAMES, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, STAND_INS, STATE_QUANTITIES
 

@@ -96,6 +96,9 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
     keys = [key for key in before | after if before.get(key) != after.get(key)]
     changes = []
     for key in keys:
+        if key == "kernel_version":  # two hashes tell nobody anything
+            changes.append("kernel_version: the sources of dimersweep are those of another version")
+            continue
         was, now = _short(before.get(key)), _short(after.get(key))
         changes.append(f"{key}: {was} -> {now}" + (" (other values between)" if was == now else ""))
     if not changes and as_text(old) != as_text(new):

@@ -124,17 +124,13 @@ def run_elsewhere(work: Work, points: np.ndarray, seconds: float, version: str, 
     except (KernelError, ParameterError) as error:
         where = f"scheduler: worker process {os.getpid()} on {socket.gethostname()}"
         raise type(error)(f"{where}: {error}") from None
-    if kernel_version() != version:  # as it was compiled, now that it is
-        raise ParameterError(_other_kernel("a worker", kernel_version(), version))
+    if kernel_version() != version:
+        raise ParameterError(_other_kernel("a worker"))
     return attempt(work, points, _flags.setdefault(asker, StopFlag()), seconds)
 
 
-def _other_kernel(who: str, theirs: str, ours: str) -> str:
-    return (
-        f"scheduler: {who} has kernel version {theirs}, this process {ours}; "
-        "give all the same dimersweep, numba, llvmlite, numpy, Python and settings of Numba, and processors that "
-        "round alike (docs/cluster.md)"
-    )
+def _other_kernel(who: str) -> str:
+    return f"scheduler: {who} has other sources of dimersweep than this process; give all the same version of it"
 
 
 @contextmanager
@@ -178,14 +174,11 @@ def _quiet() -> Iterator[None]:
 def _check_kernels(client: Any) -> None:
     try:
         versions = client.run(kernel_version)
-        if set(versions.values()) - {kernel_version()}:
-            client.run(prove)  # which may change how a worker compiles
-            versions = client.run(kernel_version)
     except Exception as error:  # whatever a worker raised: it cannot run the kernel
         raise ParameterError(f"scheduler: a worker cannot use dimersweep ({type(error).__name__}: {error})") from None
     for worker, version in versions.items():
         if version != kernel_version():
-            raise ParameterError(_other_kernel(f"worker {worker}", version, kernel_version()))
+            raise ParameterError(_other_kernel(f"worker {worker}"))
 
 
 @contextmanager

@@ -79,7 +79,7 @@ def outcome(hidden=None, failing=None, wrong=False):
         from dimersweep.kernel.compiler import cache, versions, ways
         from tests.kernel import tiny
 
-        found = {"before": ways.kernel_version(), "values": [tiny.simple(9.0)]}
+        found = {"before": versions.code_version(ways.way()), "values": [tiny.simple(9.0)]}
         if failing:
             fail(failing)
         if wrong:
@@ -92,7 +92,7 @@ def outcome(hidden=None, failing=None, wrong=False):
         for file in cache.code_folders(versions.code_version(ways.way()))[0].glob("[rs]*.code")
     }
     lines = [str(each.message) for each in told if each.category is RuntimeWarning]
-    return found | {"way": ways.way(), "after": ways.kernel_version(), "told": lines, "code": code}
+    return found | {"way": ways.way(), "after": versions.code_version(ways.way()), "told": lines, "code": code}
 
 
 def in_fork(folder, environment=(), **asked):

@@ -10,7 +10,7 @@ from math import copysign, inf, nan, sqrt
 import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled, exported
-from dimersweep.kernel.numerics.sincos import TO_WHOLE
+from dimersweep.kernel.numerics.sincos import TO_WHOLE, sincos
 
 PER_LN2, LN2_HIGH, LN2_LOW = 1.44269504088896338700, 6.93147180369123816490e-01, 1.90821492927058770002e-10
 LEAST_EXP, MOST_EXP = -708.0, 709.0  # exponents beyond which exp x is taken for zero, or for infinite
@@ -212,15 +212,33 @@ def atan2(y, x):
     return copysign(angle, y)
 
 
+# --- for Python: its own depend on the system's library, and numpy's on the processor -------------------------------------
+
+FUNCTIONS = ("sin x", "cos x", "exp x", "log |x|", "|x|^|y|", "atan2(y, x)")
+
+
 @exported
-def fill_angles(y, x, out):
-    """`atan2` of all entries, into `out`: for Python, as numpy's depend on the processor."""
-    for k in range(out.size):
-        out[k] = atan2(y[k], x[k])
+def fill_functions(x, y, out):
+    """All `FUNCTIONS` of finite numbers into the rows of `out`, shape (n, 6); those of 0 and of nothing have no meaning."""
+    for k in range(x.size):
+        out[k, 0], out[k, 1] = sincos(x[k])
+        out[k, 2], out[k, 3] = exp(x[k]), log(abs(x[k]))
+        out[k, 4], out[k, 5] = raised(abs(x[k]), abs(y[k])), atan2(y[k], x[k])
+
+
+def functions(x, y=1.0):
+    """All `FUNCTIONS` of two numbers, or of arrays of one shape, along a last axis."""
+    x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+    out = np.empty((*x.shape, len(FUNCTIONS)))
+    fill_functions(x.ravel(), y.ravel(), out.reshape(-1, len(FUNCTIONS)))
+    return out
 
 
 def angles(y, x):
     """The angle of finite vectors (x, y) in [-pi, pi]; floats, or arrays of one shape."""
-    out = np.empty(np.shape(y))
-    fill_angles(np.ravel(y).astype(float), np.ravel(x).astype(float), out.reshape(-1))
-    return out[()]
+    return functions(x, y)[..., -1]
+
+
+def sine_and_cosine(x):
+    """`sincos` of an angle."""
+    return functions(x)[:2].tolist()

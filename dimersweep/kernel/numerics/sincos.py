@@ -6,7 +6,7 @@ bits), where two polynomials have the values to rounding (those of fdlibm: coeff
 
 from math import copysign, inf, nan
 
-from dimersweep.kernel.compiler.jit import compiled, exported
+from dimersweep.kernel.compiler.jit import compiled
 
 SMALL = 0.78  # angle that is in that interval as it is
 MOST_ANGLE = 1e5  # angle up to which the first product of the reduction is exact, with room to spare
@@ -45,12 +45,6 @@ def sincos(x):
     if quarter & 1:
         s, c = c, s
     return (-s if quarter & 2 else s), (-c if quarter == 1 or quarter == 2 else c)
-
-
-@exported
-def sine_and_cosine(x):
-    """`sincos` for Python, whose own come from the system's library."""
-    return sincos(x)
 
 
 @compiled(inline=True)
