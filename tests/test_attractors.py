@@ -228,6 +228,91 @@ def test_over_a_parameter_a_family_whose_sequence_changes_keeps_its_number():
     assert sequence[0] != sequence[1]
 
 
+# ------------------------------------------------------------------------------------------------------------- a release
+
+
+ABOUT_16 = {"beta0": {"value": "16 deg", "within": "0.5 deg"}, "xdot0": {"value": 1, "within": 0.05}}
+ROW = {"periods": 200, "progress": False}
+
+
+def share_of_drifts(found):
+    return found["share"].where(names(found["mode"]) == "drift", 0.0).sum().item()
+
+
+def modes_of_starts(found):
+    return names(found["mode"]).values[found["basin"].values - 1].tolist()
+
+
+def test_a_release_is_drawn_within_its_tolerances():
+    normal = {"value": "16 deg", "sigma": "0.5 deg"}
+    columns = drawn_starts(ABOUT_16 | {"phi0": "any", "betadot0": {"value": 0.1, "within": 0}}, None, None, 4000, 1)
+    beta = np.degrees(drawn_starts({"beta0": normal}, None, None, 4000, 1)["beta0"])
+    for name, ends in {"beta0": np.radians([15.5, 16.5]), "xdot0": (0.95, 1.05), "phi0": (0, 2 * np.pi)}.items():
+        assert ends[0] <= columns[name].min() < columns[name].max() <= ends[1]
+        mean, apart = np.mean(ends), ends[1] - ends[0]
+        assert abs(columns[name].mean() - mean) < 4 * apart / np.sqrt(12 * 4000)
+        assert columns[name].std() == pytest.approx(apart / np.sqrt(12), rel=0.03)
+    assert set(columns["betadot0"]) == {0.1}
+    assert abs(beta.mean() - 16) < 4 * 0.5 / np.sqrt(4000)
+    assert beta.std() == pytest.approx(0.5, rel=0.05)
+    inside = np.abs(beta - 16) < 0.5
+    assert inside.mean() == pytest.approx(0.683, abs=0.03)
+
+
+def test_the_phase_of_the_plate_decides_a_release():
+    known = attractors(ABOUT_16, starts=60, seed=1, **ROW)
+    assert (share_of_drifts(known), float(known["share_low"][0])) == (1.0, pytest.approx(60 / (60 + 1.96**2), abs=1e-4))
+    any_phase = attractors(ABOUT_16 | {"phi0": "any"}, starts=120, seed=1, **ROW)
+    assert any_phase.identical(
+        attractors(ABOUT_16 | {"phi0": ("0 deg", "360 deg")}, starts=120, seed=1, workers=1, **ROW)
+    )
+    plain = [
+        simulate(**{name: float(any_phase[name][k]) for name in ("beta0", "xdot0", "phi0")}, periods=200, record=False)
+        for k in range(120)
+    ]
+    assert modes_of_starts(any_phase) == [run.mode for run in plain]
+    assert 0.15 < share_of_drifts(any_phase) < 0.4
+
+
+def test_the_share_of_a_release_beside_an_edge_is_what_the_edge_says():
+    inside, edge = np.radians(16), np.radians(15)
+    for _ in range(12):  # the edge by halving, with runs
+        middle = 0.5 * (inside + edge)
+        walks = simulate(beta0=middle, periods=200, record=False).mode == "drift"
+        inside, edge = (middle, edge) if walks else (inside, middle)
+    even = attractors({"beta0": ("15 deg", "16 deg")}, starts=200, seed=4, **ROW)
+    expected = (np.radians(16) - edge) / np.radians(1)
+    assert abs(share_of_drifts(even) - expected) < 3 * np.sqrt(expected * (1 - expected) / 200)
+    assert (even["beta0"].values[np.array(modes_of_starts(even)) == "drift"] > edge).all()
+    sigma = np.radians(0.3)
+    normal = attractors({"beta0": {"value": edge + 0.5 * sigma, "sigma": sigma}}, starts=200, seed=4, **ROW)
+    expected = NormalDist().cdf(0.5)
+    assert abs(share_of_drifts(normal) - expected) < 3 * np.sqrt(expected * (1 - expected) / 200)
+
+
+def test_the_phase_of_a_plate_with_harmonics_may_be_any():
+    waves = {"z": {1: (0.9, 0.0), 2: (0.05, 1.0), 3: (0.02, 0.3)}}
+    found = attractors(ABOUT_16 | {"phi0": "any"}, {"harmonics": waves}, starts=40, seed=2, **ROW)
+    walks = np.flatnonzero(np.array(modes_of_starts(found)) == "drift")
+    t = np.linspace(0, 1 / 15, 33)
+
+    def plate(run):
+        return (run.states(t)["z1"] - run.states(t)["gap_1"]).values
+
+    def later(phase):  # the plate's height as it is written, from a start at that phase
+        angles = 2 * np.pi * 15 * t + phase
+        sizes = ((1, 0.9, 0.0), (2, 0.05, 1.0), (3, 0.02, 0.3))
+        return sum(size / k**2 * np.sin(k * angles + at) for k, size, at in sizes) * 9.81 / (2 * np.pi * 15) ** 2
+
+    for k in walks[:6]:
+        start = found.isel(start=k)
+        run = simulate(start=start, periods=200)
+        assert run.mode == "drift"
+        height = later(float(start["phi0"]))
+        assert_allclose(plate(run) - plate(run)[0], height - height[0], atol=1e-12)
+    assert found["count"].sel(attractor=names(found["mode"]) == "drift").values.tolist() == [walks.size]
+
+
 @pytest.mark.slow
 def test_shares_of_two_thousand_drawn_angles_are_those_of_the_fine_grid():
     over, angles = {"f": [15, 20, 25]}, {"beta0": ("0.01 deg", "89.99 deg")}

@@ -72,7 +72,9 @@ def run_python(code, tree=PACKAGE.parent, **environment):
 @functools.cache
 def versions_of(tree=PACKAGE.parent, **environment):
     """The version of the code and that of the results, in a process of its own."""
-    program = f"from {ways.__name__} import versions, way; print(versions.code_version(way()), versions.kernel_version())"
+    program = (
+        f"from {ways.__name__} import versions, way; print(versions.code_version(way()), versions.kernel_version())"
+    )
     return run_python(program, tree, **environment).split()
 
 

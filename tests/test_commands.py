@@ -246,7 +246,7 @@ def test_attractors_from_drawn_starts(done, call):
     assert {"a.nc", "a.png", "again.png"} <= set(os.listdir())
     _, err, code = call("attractors", "beta0")
     assert code == 2
-    assert "'beta0': must be NAME=LOW:HIGH, such as beta0=1deg:89deg" in err
+    assert "'beta0': must be NAME=LOW:HIGH, such as beta0=1deg:89deg, or phi0=any" in err
 
 
 # --- after a time, growth, power ----------------------------------------------------------------------------------------
@@ -353,3 +353,12 @@ def test_a_fit_that_is_stopped_ends_with_the_best_values(call, monkeypatch):
     values = r"e = \S+, spin = \S+ \(chi-square \S+\), without errors"
     told = f"dimersweep: interrupted: the best values of the fit so far are {values}"
     assert code == 130 and re.fullmatch(told, err.splitlines()[-1]) and not Path("fit.png").exists()
+
+
+def test_attractors_from_any_phase_of_a_plate_with_harmonics(done):
+    Path("plate.toml").write_text("f = 15.0\n[z]\n1 = [0.9, 0.0]\n2 = [0.05, 1.0]\n")
+    few = ["--starts", "20", "--periods", "200", "--json"]
+    told = json.loads(done("attractors", "phi0=any", "--harmonics", "plate.toml", *few))["attractors"]
+    starts, plate = {"phi0": ("0 deg", "360 deg")}, {"harmonics": "plate.toml"}
+    found = dimersweep.attractors(starts, plate, starts=20, periods=200, progress=False)
+    assert [row["share"] for row in told] == found["share"].values.tolist()

@@ -95,7 +95,9 @@ def test_a_cube_made_otherwise_is_not_extended(asked, settings, told):
 def test_a_cube_of_another_kernel_is_not_extended(asked, monkeypatch):
     sweep(out="old.nc")
     another_version(monkeypatch)
-    with pytest.raises(StoreError, match=r"otherwise:\n  kernel_version: the sources of dimersweep are those of another"):
+    with pytest.raises(
+        StoreError, match=r"otherwise:\n  kernel_version: the sources of dimersweep are those of another"
+    ):
         sweep(extend="old.nc")
 
 

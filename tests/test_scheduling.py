@@ -220,7 +220,8 @@ def test_workers_with_another_kernel_are_refused(cluster, module):
     cluster.run(pretend)
     try:
         with pytest.raises(
-            ParameterError, match=r"^scheduler: \w+.* has other sources of dimersweep than this process; give all the same"
+            ParameterError,
+            match=r"^scheduler: \w+.* has other sources of dimersweep than this process; give all the same",
         ):
             sweep(client=cluster)
     finally:

@@ -121,17 +121,26 @@ def plain_scenes(n: int) -> list[dict[str, float]]:
     """Return random scenes that differ from the base case in few parameters, of two digits."""
     rng = np.random.default_rng(SEED)
     ranges = {
-
-            "e": (0.1, 1.0),
-            "Gamma": (0.5, 3.0),
-            "f": (10.0, 60.0),
-            "A_r": (2.0, 8.0),
-            "mu": (0.0, 0.8),
-            "beta0": (0.0, 1.3)
-        ,
-        "xdot0": (0.0, 3.0), "eta": (1.0, 2.0), "tilt": (0.0, 0.3), "Gamma_2": (0.0, 2.0), "Gamma_x": (0.0, 0.5),
-        "gammadot0": (-50.0, 50.0), "thetadot0": (-9.0, 9.0), "betadot0": (-9.0, 9.0), "ydot0": (-1.0, 1.0),
-        "r_2": (0.003, 0.008), "e_2": (0.0, 1.0), "mu_2": (0.0, 0.8), "mu_s": (0.2, 1.0), "k_ratio": (0.5, 2.0),
+        "e": (0.1, 1.0),
+        "Gamma": (0.5, 3.0),
+        "f": (10.0, 60.0),
+        "A_r": (2.0, 8.0),
+        "mu": (0.0, 0.8),
+        "beta0": (0.0, 1.3),
+        "xdot0": (0.0, 3.0),
+        "eta": (1.0, 2.0),
+        "tilt": (0.0, 0.3),
+        "Gamma_2": (0.0, 2.0),
+        "Gamma_x": (0.0, 0.5),
+        "gammadot0": (-50.0, 50.0),
+        "thetadot0": (-9.0, 9.0),
+        "betadot0": (-9.0, 9.0),
+        "ydot0": (-1.0, 1.0),
+        "r_2": (0.003, 0.008),
+        "e_2": (0.0, 1.0),
+        "mu_2": (0.0, 0.8),
+        "mu_s": (0.2, 1.0),
+        "k_ratio": (0.5, 2.0),
     }
     made: list[dict[str, float]] = []
     while len(made) < n:

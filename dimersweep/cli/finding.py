@@ -169,7 +169,7 @@ def power(
 @with_parameters
 def attractors(
     tell: Printer,
-    ranges: Annotated[list[str], argument("NAME=LOW:HIGH...", "Ranges of a start, such as beta0=1deg:89deg.")],
+    ranges: Annotated[list[str], argument("NAME=LOW:HIGH...", "Ranges of a start, such as beta0=1deg:89deg phi0=any.")],
     *,
     starts: Annotated[int, number_option("Starts that are drawn.", int)] = 1000,
     seed: Annotated[int, number_option("Of the draw.", int)] = 0,

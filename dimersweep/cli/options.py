@@ -62,12 +62,17 @@ def typed(parameters: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in parameters.items() if value is not None}
 
 
-def parted(text: str, count: int, also: tuple[str, ...] = ()) -> tuple[str, list[Any]]:
-    """Return the name of a parameter, or one of `also`, and the values in a text such as Gamma=0.8:1:0.05."""
+def parted(text: str, count: int, also: tuple[str, ...] = ()) -> tuple[str, Any]:
+    """Return the name of a parameter, or one of `also`, and the values in a text such as Gamma=0.8:1:0.05, or phi0=any."""
     name, _, values = text.partition("=")
     parts = values.split(":")
+    if text == "phi0=any" and count == 2:
+        return name, values
     if name not in (*PARAMETERS, *also) or len(parts) != count:
-        ways = {2: "NAME=LOW:HIGH, such as beta0=1deg:89deg", 3: "NAME=START:STOP:STEP, such as Gamma=0.8:1:0.05"}
+        ways = {
+            2: "NAME=LOW:HIGH, such as beta0=1deg:89deg, or phi0=any",
+            3: "NAME=START:STOP:STEP, such as Gamma=0.8:1:0.05",
+        }
         raise ParameterError(f"{text!r}: must be {ways[count]}")
     return name, parts
 

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import nan
+from math import nan, tau
 from time import perf_counter
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.cubes.cube import column, coordinate, finished, fixed_coordinates
-from dimersweep.cubes.grid import axis_values, make_points
+from dimersweep.cubes.grid import Grid, axis_values, fixed_value, make_points
 from dimersweep.cubes.results import Field
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
@@ -24,7 +24,7 @@ from dimersweep.orbits.kinds import kind_words
 from dimersweep.orbits.orbit import COLUMNS, PeriodicOrbit, multiplier_columns, padded
 from dimersweep.orbits.slow_flow import SPIN_KINDS
 from dimersweep.orbits.sustained import MEANINGS
-from dimersweep.parameters import check_level, check_name, value_of
+from dimersweep.parameters import check_level, check_name, moved_on, spelt_out, value_of
 from dimersweep.runs.solving import run_settings
 from dimersweep.storage.cubefiles import write_cube
 from dimersweep.storage.outputs import TABLES, check_output
@@ -35,7 +35,7 @@ from dimersweep.studies.observing import own_of
 from dimersweep.studies.point_tables import between
 from dimersweep.studies.study import Study
 from dimersweep.studies.telling_apart import Attractor, Classifier, distance, matched
-from dimersweep.symbols import PARAMETERS, START, Quantity
+from dimersweep.symbols import INSTEAD, PARAMETERS, START, Quantity
 from dimersweep.work.computing import settle_way
 from dimersweep.work.options import make_options
 
@@ -94,9 +94,11 @@ def attractors(
 
     Parameters
     ----------
-    ranges : mapping of str to pair
-        Parameters to draw from, with their least and greatest values, such as ``{"beta0": ("1 deg", "89 deg")}``. Draws are
-        even and independent.
+    ranges : mapping of str to pair, mapping or "any"
+        Parameters to draw from, each independently of the others. A pair has the least and the greatest value, such as
+        ``{"beta0": ("1 deg", "89 deg")}``; draws are even between them. A value that is met within a tolerance is
+        ``{"value": "16 deg", "within": "1 deg"}``, even from 15 to 17 degrees, or normal with a standard deviation:
+        ``{"value": "16 deg", "sigma": "1 deg"}``. The phase `phi0` may be "any".
     fixed : mapping of str to float, optional
         Parameters that differ from the paper's base case.
     points : mapping of str to array_like, pandas.DataFrame or xarray.Dataset, optional
@@ -159,9 +161,13 @@ def attractors(
     >>> found = attractors({"beta0": ("1 deg", "89 deg")}, starts=40, periods=200, progress=False)
     >>> names(found["mode"]).values.tolist()
     ['rest', 'drift']
+    >>> release = {"beta0": {"value": "16 deg", "within": "0.5 deg"}, "xdot0": (0.95, 1.05)}
+    >>> attractors(release, starts=40, periods=200, progress=False)["share"].values.tolist()
+    [1.0]
     """
     out, began = None if out is None else check_output(out, force=force, what="a table", endings=TABLES), perf_counter()
     how = run_settings(periods=periods, max_periods=max_periods, rtol=rtol)
+    fixed = _without_phase(fixed, points if ranges is None else ranges)
     columns = drawn_starts(ranges, fixed, points, starts, seed)
     name, values = _axis_of(over, columns)
     mirrored, wanted = check_switch("mirror", mirror), as_number("level", level)
@@ -171,9 +177,9 @@ def attractors(
     table = {key: np.tile(column, values.size) for key, column in columns.items()}
     if name:
         table[name] = np.repeat(values, len(next(iter(columns.values()))))
-    drawn = make_points(table, fixed)
-    _check_one_plate(drawn.fixed, table)
-    own = own_of(observe, drawn.size, how, others=(EndStates(),), axes=(*table, *_NAMES))
+    drawn = _on_one_plate(make_points(table, fixed), name)
+    columns = {key: each[: each.size // values.size] for key, each in drawn.columns.items() if key != name}
+    own = own_of(observe, drawn.size, how, others=(EndStates(),), axes=(*drawn.columns, *_NAMES))
     study = Census(
         grid=drawn,
         how=how,
@@ -195,7 +201,7 @@ def attractors(
 
 
 def drawn_starts(ranges: Any, fixed: Any, points: Any, starts: int, seed: int) -> dict[str, np.ndarray]:
-    """Columns of starts: those of a table, or drawn evenly and independently from ranges, whose ends are checked as starts.
+    """Columns of starts: those of a table, or drawn independently from ranges, whose ends are checked as starts.
 
     Raises
     ------
@@ -214,9 +220,12 @@ def drawn_starts(ranges: Any, fixed: Any, points: Any, starts: int, seed: int) -
     count = check_count("starts", starts)
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ParameterError(f"seed = {seed!r}: must be a whole number >= 0")
-    pairs, draw = {name: _pair(name, pair) for name, pair in ranges.items()}, np.random.default_rng(int(seed))
-    make_points(pairs, fixed)
-    return {name: between(low, high, False, draw.random(count)) for name, (low, high) in pairs.items()}
+    spreads, draw = {name: _spread(name, given) for name, given in ranges.items()}, np.random.default_rng(int(seed))
+    make_points({name: ends for name, (*ends, _) in spreads.items()}, fixed)
+    return {
+        name: draw.normal(low, sigma, size=count) if sigma else between(low, high, False, draw.random(count))
+        for name, (low, high, sigma) in spreads.items()
+    }
 
 
 def _check_starts(names: Iterable[str]) -> None:
@@ -227,26 +236,51 @@ def _check_starts(names: Iterable[str]) -> None:
             raise ParameterError(f"{name}: is no part of a start; draw from {', '.join(STARTING)}")
 
 
-def _pair(name: str, pair: Any) -> tuple[float, float]:
-    """The ends of a range in SI units."""
-    if not isinstance(pair, list | tuple | np.ndarray) or len(pair) != 2:
-        raise ParameterError(f"{name} = {pair!r}: must be a pair of its least and its greatest value")
-    low, high = axis_values(name, pair).tolist()
-    return low, high
+def _spread(name: str, given: Any) -> tuple[float, float, float]:
+    """The ends of a range and 0; of a normal one its mean, twice, and its standard deviation. In SI units."""
+    if name == "phi0" and isinstance(given, str) and given == "any":
+        return 0.0, tau, 0.0
+    if isinstance(given, Mapping) and {*given} in ({"value", "within"}, {"value", "sigma"}):
+        way = "sigma" if "sigma" in given else "within"
+        value, by = (fixed_value(name, given[each]) for each in ("value", way))
+        if by < 0:
+            raise ParameterError(f"{name}: {way} = {by:g}: must be >= 0")
+        return (value, value, by) if way == "sigma" else (value - by, value + by, 0.0)
+    if not isinstance(given, list | tuple | np.ndarray) or len(given) != 2:
+        about = '{"value": ..., "within": ...} or {"value": ..., "sigma": ...}'
+        raise ParameterError(f"{name} = {given!r}: must be a pair of its least and its greatest value, or {about}")
+    low, high = axis_values(name, given).tolist()
+    return low, high, 0.0
 
 
-def _check_one_plate(fixed: Mapping[str, float], table: Mapping[str, np.ndarray]) -> None:
-    """Refuse a plate on which the heading counts, and starts at phases that would make the plate's higher harmonics others.
+def _without_phase(fixed: Any, drawn: Any) -> Any:
+    """Fixed parameters with harmonics of the plate spelt out, but for the phase 0 of the first one where phases are drawn."""
+    drawn = drawn.keys() if hasattr(drawn, "keys") else ()
+    if "phi0" not in drawn or not isinstance(fixed, Mapping) or fixed.get("harmonics") is None:
+        return fixed
+    later = {name: fixed[name] for name in fixed if name in INSTEAD}  # what they depend on may vary
+    told = spelt_out({name: fixed[name] for name in fixed if name not in INSTEAD})
+    return {name: value for name, value in told.items() if name != "phi0" or value} | later
+
+
+def _on_one_plate(drawn: Grid, over: str) -> Grid:
+    """The starts, with harmonics of the plate turned along with the phase that each start has, so that all are on one plate.
 
     Raises
     ------
     ParameterError
+        For a plate on which the heading counts, or a phase of a harmonic over which the attractors are to be followed.
     """
-    most = dict(fixed) | {name: float(np.abs(column).max()) for name, column in table.items()}
-    check_level(most, "attractors")
-    for intensity, phase in WAVES[0][1:]:
-        if most.get(intensity) and "phi0" in table:
-            raise ParameterError(f"phi0: cannot be drawn where {intensity} is given, as {phase} counts from the start")
+    plate = drawn.fixed | drawn.columns
+    check_level({name: float(np.abs(value).max()) for name, value in plate.items()}, "attractors")
+    if "phi0" not in drawn.columns:
+        return drawn
+    if any(over == phase for _, phase in WAVES[0][1:]):
+        raise ParameterError(f"{over}: cannot be followed from starts at several phases phi0; give one")
+    idle = [intensity for intensity, _ in WAVES[0][1:] if not np.any(plate.get(intensity, 0.0))]
+    moved = moved_on({name: value for name, value in plate.items() if name not in idle} | {"phi0": 0.0}, plate["phi0"])
+    columns = {name: value for name, value in moved.items() if np.ndim(value)}
+    return make_points(columns, {name: value for name, value in moved.items() if name not in columns})
 
 
 def _axis_of(over: Mapping[str, Any] | None, columns: Mapping[str, np.ndarray]) -> tuple[str, np.ndarray]:

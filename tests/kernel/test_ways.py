@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from dimersweep.kernel.compiler.ways import FAST, PLAIN, first_way
-from tests.kernel import ways
 
 HERE = Path(__file__).parent
 
