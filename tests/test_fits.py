@@ -431,16 +431,16 @@ def test_a_fit_that_is_stopped_tells_the_best_values_so_far(monkeypatch, last):
     assert str(stop.value) == told
 
 
-@pytest.mark.parametrize(("free", "last"), [({}, "estimating errors"), ({"A_r": (5.8, 6.2)}, "along the valley")])
+@pytest.mark.parametrize(("free", "last"), [({}, "errors"), ({"A_r": (5.8, 6.2)}, "along the valley")])
 def test_a_fit_tells_how_far_it_is_and_what_it_does(monkeypatch, capsys, free, last):
     every_line(monkeypatch)
     data, free = {"path_radius": (4.06, 0.02)}, {"e": (0.58, 0.75), **free}
     fits.fit(data, free, **SLIPPY)
     lines = capsys.readouterr().err.splitlines()
-    for doing in ("looking at the ranges", "descending", last):
+    for doing in ("looking around", "descending", last):
         assert any(re.search(rf": {doing}: chi-square \S+$", line) for line in lines), doing
     counts = [[*map(int, re.match(r"(\d+)/(\d+) points, \d+ %, elapsed", line).groups())] for line in lines]
     assert [done for done, total in counts if done >= total] == [counts[-1][1]]
-    if last == "estimating errors":
+    if last == "errors":
         fits.fit(data, free, progress=False, **SLIPPY)
         assert capsys.readouterr().err == ""

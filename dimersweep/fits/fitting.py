@@ -340,7 +340,7 @@ class _Search:
         spread = Halton(n, scramble=False).random((n + 1) * FIRST_LOOKS + 1)[1:]  # the first one is a corner
         corners = np.array(list(product((0.0, 1.0), repeat=n))) if n <= MOST_CORNERED else np.empty((0, n))
         looks = [np.full(n, 0.5), *spread, *corners]
-        found = [point for point in map(self.at, self.steps("looking at the ranges", looks)) if point]
+        found = [point for point in map(self.at, self.steps("looking around", looks)) if point]
         if isinstance(self.reason, ParameterError) and not found:
             raise self.reason
         if not found:
@@ -483,7 +483,7 @@ def _directions(slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     """The fit in the units of its parameters and in words."""
-    search.doing = "estimating errors"
+    search.doing = "errors"
     likelihood, best = search.likelihood, ends[0]
     names, low, width = likelihood.names, likelihood.low, search.width
     singular, directions = _directions(slopes)
