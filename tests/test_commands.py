@@ -261,7 +261,7 @@ def test_where_a_motion_is_after_some_hours(done, call):
     told = "dimersweep: error: the start leads to rest, which is on no orbit; give another one, or --spin\n"
     assert call("later", "--beta0", "5deg", "--seconds", "inf") == ("", told, 2)
     _, err, code = call("later", "--spin", "110")
-    assert (code, err) == (2, "dimersweep: error: periods: give either periods or seconds, such as seconds='3 h'\n")
+    assert (code, err) == (2, "dimersweep: error: give either --seconds, such as 3h, or --periods\n")
 
 
 def test_exponents_of_a_motion(done):

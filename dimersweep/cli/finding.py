@@ -91,6 +91,8 @@ def later(
     **parameters: Any,
 ) -> None:
     """Print on which circle a dimer walks after some hours, or in the end."""
+    if (seconds is None) == (periods is None):
+        raise ParameterError("give either --seconds, such as 3h, or --periods")
     given = typed(parameters)
     tell.report_compiling()
     from dimersweep import orbits as found
@@ -102,14 +104,12 @@ def later(
     orbit = found.find(start, spin=spin, **given)
     then = found.later(orbit, periods=periods, seconds=seconds)
     rows = [("at first", *(getattr(orbit, name) for name in OF_LATER), "")]
-    rows += [
-        (f"leap after {leap.after:.6g} periods", leap.spin[1], leap.radius[1], nan, nan, "") for leap in then.leaps
-    ]
+    for leap in then.leaps:
+        rows.append((f"leap after {leap.after:.6g} periods", leap.spin[1], leap.radius[1], nan, nan, ""))
     time = f"{periods:g} periods" if seconds is None else seconds if seconds[-1:].isalpha() else f"{seconds} s"
     rows.append((f"after {time}", *(getattr(then, name) for name in OF_LATER), then.mode))
-    tell.rows(
-        "later", {"when": "", **{name: units_shown(QUANTITIES[name].units) for name in OF_LATER}, "mode": ""}, rows
-    )
+    units = {name: units_shown(QUANTITIES[name].units) for name in OF_LATER}
+    tell.rows("later", {"when": "", **units, "mode": ""}, rows)
 
 
 @telling

@@ -146,10 +146,9 @@ def named(path: Path, table: "xr.Dataset", given: dict[str, str | None], wanted:
             known[axis] = found[0]
     missing = [axis for axis in ("t", *wanted) if axis not in known]
     left = [name for name in names if name not in known.values()]
-    clear = len(left) == len(missing) and (
-        "t" not in missing or names[0] == "1"
-    )  # the first is that of times without a head
-    if clear and {*missing} >= {*wanted}:
+    # the first column is that of the times only where there is no head: it may be one of numbers of frames
+    as_they_stand = "t" not in missing or names[0] == "1"
+    if as_they_stand and {*missing} >= {*wanted} and len(left) == len(missing):
         return known | dict(zip(missing, left, strict=True))
     if missing:
         raise ParameterError(f"{path}: has no column {missing[0]}; give --{missing[0]} (there are {', '.join(names)})")
@@ -180,9 +179,8 @@ def table_of(path: Path) -> "xr.Dataset":
     else:
         raise ParameterError(f"{path}: has no columns of numbers")
     heads = [row for row in rows[:first] if len(row) == wide[first]][-2:]
-    if len(heads) == 2 and all(
-        not each or re.fullmatch(BRACKETS, each) or is_unit(each) for each in heads[1]
-    ):  # of units
+    # a line of units may stand below that of names
+    if len(heads) == 2 and all(not each or re.fullmatch(BRACKETS, each) or is_unit(each) for each in heads[1]):
         heads = [[f"{name} [{unit.strip('[]()')}]" for name, unit in zip(*heads, strict=True)]]
     names = heads[-1] if heads else [str(k + 1) for k in range(wide[first])]
     how = {"sep": separator, "decimal": decimal, "skiprows": first, "header": None, "comment": "#"}
