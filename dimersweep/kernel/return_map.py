@@ -10,12 +10,10 @@ from dimersweep.kernel.numerics.sincos import TWO_PI
 from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.passage import R_SPIN, read_passage
 from dimersweep.kernel.record import EVENT_ROWS, SEGMENT_ROWS, clear_counts, without_rows
-from dimersweep.kernel.section import N_POINT, SPIN_COORDINATE, set_point, set_state
+from dimersweep.kernel.section import N_POINT, SPIN_COORDINATE, judge, set_point, set_state
 from dimersweep.kernel.verdict.past import begin_past
 
-# why there is no image: an end is below the plate, or higher above the other one than the dimer is long; the motion comes to
-# another contact at the section
-BELOW, STEEP, OTHER_CONTACT = -3, -2, -1
+OTHER_CONTACT = -1  # why there is no image, beside what `section.judge` has: the motion comes to another contact there
 
 
 @compiled
@@ -130,10 +128,9 @@ def image(units, z, free, section, modes, ask, space, record, reading, k, found)
         point[j] = 0.0
     for j in range(free.shape[0]):
         point[free[j]] = z[j]
-    if point[0] < 0.0 or point[1] < 0.0:
-        return BELOW
-    if not abs(point[1] - point[0]) * units[0] < dm.l:
-        return STEEP
+    status = judge(dm, units, point)
+    if status != OK:
+        return status
     set_state(dm, units, point, modes, state)
     begin, fixed, before = ask, section[2] == section[2], 0.0
     if fixed:

@@ -9,9 +9,11 @@ from math import sqrt
 
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.model.body import attitude, contact_velocity, set_dimer
-from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, N1, N2, N_STATE, SPIN, STICK, WB, WP
+from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, N1, N2, N_STATE, OK, SPIN, STICK, WB, WP
 from dimersweep.kernel.numerics.elementary import atan2
 
+# why there is no state at a point: an end is below the plate, or higher above the other one than the dimer is long
+BELOW, STEEP = -3, -2
 SLOTS = (D1, D2, N1, N2, WP, SPIN, CA, CB)  # of the coordinates in a state
 N_POINT, SPIN_COORDINATE = len(SLOTS), SLOTS.index(SPIN)
 
@@ -31,6 +33,14 @@ def dip_of(dm, rise):
     cos_b = sqrt((1.0 - sin_b) * (1.0 + sin_b))
     sin_d = share * (dm.cos_0 + dm.sin_0 * (sin_b + dm.sin_0) / (cos_b + dm.cos_0))
     return atan2(sin_d, cos_b * dm.cos_0 + sin_b * dm.sin_0)
+
+
+@compiled
+def judge(dm, units, point):
+    """Whether there is a state at a point: OK, BELOW or STEEP."""
+    if point[0] < 0.0 or point[1] < 0.0:
+        return BELOW
+    return OK if abs(point[1] - point[0]) * units[0] < dm.l else STEEP
 
 
 @compiled
@@ -67,11 +77,12 @@ def state_at(row, units, point, modes, dimer, state):
     """Fill in the state at a point, shape (N_POINT,), see `set_state`; without a point, hold the state as it is.
 
     `row`, shape (N_ROW,), and `units`, shape (N_POINT,), are those of the dimer; `dimer`, an array of one, is
-    scratch.
+    scratch. Returns OK or why there is no state at the point.
     """
     dm = dimer[0]
     set_dimer(row, dm)
-    if point.shape[0] == N_POINT:
-        set_state(dm, units, point, modes, state)
-    else:
+    if point.shape[0] != N_POINT:
         hold(dm, modes, state)
+        return OK
+    set_state(dm, units, point, modes, state)
+    return judge(dm, units, point)

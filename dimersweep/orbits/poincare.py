@@ -35,9 +35,9 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.model.plate import started_at
 from dimersweep.kernel.passage import R_SPIN, Read, Reading, new_reading
 from dimersweep.kernel.record import SEGMENT_MODES, Record, new_record, no_record
-from dimersweep.kernel.return_map import BELOW, OTHER_CONTACT, STEEP, advance, images
+from dimersweep.kernel.return_map import OTHER_CONTACT, advance, images
 from dimersweep.kernel.sample import sample
-from dimersweep.kernel.section import SPIN_COORDINATE
+from dimersweep.kernel.section import BELOW, SPIN_COORDINATE, STEEP
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.parameters import bounds, check, fill_rows, slots_of
 from dimersweep.runs.period_map import Section, free_coordinates
@@ -138,10 +138,8 @@ class Recorder:
 
     def images(self, m: "ReturnMap", points: np.ndarray, chained: bool) -> tuple[np.ndarray, Reading]:
         """Images of points of a map, shape (n, k), and what is read off the record; see ``return_map.images``."""
-        own, found = (
-            (m.plain_row, m.section.units, points, m.free, m.of_section, m.modes, m.ask),
-            np.empty(points.shape),
-        )
+        own = (m.plain_row, m.section.units, points, m.free, m.of_section, m.modes, m.ask)
+        found = np.empty(points.shape)
 
         def made(record: Record, reading: Reading) -> tuple[int, int]:
             return images(*own, chained, self.space, record, reading, found)
@@ -241,16 +239,20 @@ class ReturnMap:
         return started_at(self.plain_row, phase)
 
     def state(self, z: np.ndarray) -> np.ndarray:
-        """The kernel's state at a point."""
+        """The kernel's state at a point.
+
+        It is lost if an end is below the plate, or higher above the other one than the dimer is long.
+        """
         point = np.zeros(self.section.units.size)
         point[self.free] = z
-        return self.section.state(point, self.modes)
+        state, status = self.section.judged_state(point, self.modes)
+        _check(status)
+        return state
 
     def image(self, z: np.ndarray) -> Image:
         """The image of a point after the periods of the motion.
 
-        It is lost if an end is below the plate at the point, or higher above the other one than the dimer is long, and in
-        another contact.
+        It is lost where there is no state at the point, and in another contact.
         """
         return self.chain(z, 1)[0]
 

@@ -63,9 +63,12 @@ class Section:
         A gap that is below zero by a rounding of the point is closed. Ends that stick are at rest: the motion of the centre of
         mass follows from the other rates.
         """
+        return self.judged_state(point, modes)[0]
+
+    def judged_state(self, point: np.ndarray, modes: np.ndarray) -> tuple[np.ndarray, int]:
+        """The same, and OK or why there is no state at the point (``section.judge``)."""
         state = np.array(State())
-        state_at(self.row, self.units, point, modes, self.space.dimer, state)
-        return state
+        return state, state_at(self.row, self.units, point, modes, self.space.dimer, state)
 
     def held(self, state: np.ndarray, modes: np.ndarray) -> np.ndarray:
         """The state, modified in place, with the ends that stick at rest."""
