@@ -13,7 +13,7 @@ from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, N1, N2, N_STATE,
 from dimersweep.kernel.numerics.elementary import atan2
 
 # why there is no state at a point: an end is below the plate, or higher above the other one than the dimer is long
-BELOW, STEEP = -3, -2
+SUNK, STEEP = -3, -2
 SLOTS = (D1, D2, N1, N2, WP, SPIN, CA, CB)  # of the coordinates in a state
 N_POINT, SPIN_COORDINATE = len(SLOTS), SLOTS.index(SPIN)
 
@@ -37,9 +37,9 @@ def dip_of(dm, rise):
 
 @compiled
 def judge(dm, units, point):
-    """Whether there is a state at a point: OK, BELOW or STEEP."""
+    """Whether there is a state at a point: OK, SUNK or STEEP."""
     if point[0] < 0.0 or point[1] < 0.0:
-        return BELOW
+        return SUNK
     return OK if abs(point[1] - point[0]) * units[0] < dm.l else STEEP
 
 

@@ -37,7 +37,7 @@ from dimersweep.kernel.passage import R_SPIN, Read, Reading, new_reading
 from dimersweep.kernel.record import SEGMENT_MODES, Record, new_record, no_record
 from dimersweep.kernel.return_map import OTHER_CONTACT, advance, images
 from dimersweep.kernel.sample import sample
-from dimersweep.kernel.section import BELOW, SPIN_COORDINATE, STEEP
+from dimersweep.kernel.section import SPIN_COORDINATE, STEEP, SUNK
 from dimersweep.orbits.passage import TURN, Passage
 from dimersweep.parameters import bounds, check, fill_rows, slots_of
 from dimersweep.runs.period_map import Section, free_coordinates
@@ -47,7 +47,7 @@ MARGIN = 0.03  # distance of the section from the next event that is too small, 
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
 WHY_NONE = {
-    BELOW: "an end meets the plate at the section",
+    SUNK: "an end meets the plate at the section",
     STEEP: "no dimer is so steep",
     OTHER_CONTACT: "the contact at the section changes",
 }
