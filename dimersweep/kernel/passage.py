@@ -35,10 +35,10 @@ from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import BEFORE, EVENT_ROWS, SEGMENT_MODES, SEGMENT_ROWS, is_kept
 from dimersweep.kernel.verdict.past import double_end, zeta_of
 
-# a symbol is the sum of the cause of an event, its contact state times `PER_STATE`, and `JOINED` for a phase of the same impact
-# as the one before
+# a symbol is the sum of the cause of an event, its contact state times `PER_STATE`, and `SAME_IMPACT` for a phase of the impact
+# that the one before belongs to
 PER_STATE = len(CAUSES)
-JOINED = PER_STATE * CODE_BASE**2
+SAME_IMPACT = PER_STATE * CODE_BASE**2
 
 
 class Read(NamedTuple):
@@ -132,7 +132,7 @@ def note_symbols(events, symbols):
         if row[E_CAUSE] == C_IMPACT and max(digit(row[E_KIND], 0), digit(row[E_KIND], 1)) > IMPACT:
             now = event_time(row)
             if now == last:
-                symbols[k] += JOINED
+                symbols[k] += SAME_IMPACT
             last = now
 
 

@@ -19,15 +19,15 @@ import numpy as np
 
 from dimersweep.kernel.model.contact_code import CONTACT_STATES, code_of, digits_of
 from dimersweep.kernel.model.layout import C_CHATTER_END, C_END, C_IMPACT, C_START, IMPACT, PERIOD, PHASE
-from dimersweep.kernel.passage import JOINED, PER_STATE, Read
+from dimersweep.kernel.passage import PER_STATE, SAME_IMPACT, Read
 from dimersweep.kernel.verdict.past import HOP_LINE
 
 TURN = 2 * np.pi
 MANY = 4  # bounces that do not die out are counted so far: beyond, their number changes without end
-KEPT = 4096  # sequences that are spelt once
+SPELT_ONCE = 4096  # sequences that are spelt once
 
 
-@lru_cache(KEPT)
+@lru_cache(SPELT_ONCE)
 def spelt(codes: bytes, far: tuple[bool, bool], whole: bool = False) -> str:
     """The sequence of one period of a motion, from the symbols of its events (``kernel.passage``) and whether the ends are far.
 
@@ -52,7 +52,7 @@ def _symbols(events: Sequence[int]) -> list[str]:
     symbols: list[str] = []
     last = 0
     for event in events:
-        joined, (kind, cause) = event >= JOINED, divmod(event % JOINED, PER_STATE)
+        joined, (kind, cause) = event >= SAME_IMPACT, divmod(event % SAME_IMPACT, PER_STATE)
         if cause == C_IMPACT and max(digits_of(kind)) > IMPACT:
             name = _name(kind)
             if joined and symbols and symbols[-1].startswith(("DI", "SI")):
@@ -199,7 +199,7 @@ class Passage:
     @property
     def mirrored_sequence(self) -> str:
         """The sequence with the ends in each other's place."""
-        kinds, causes = np.divmod(self.symbols % JOINED, PER_STATE)
+        kinds, causes = np.divmod(self.symbols % SAME_IMPACT, PER_STATE)
         first, second = digits_of(kinds)
-        symbols = self.symbols // JOINED * JOINED + PER_STATE * code_of(second, first) + causes
+        symbols = self.symbols // SAME_IMPACT * SAME_IMPACT + PER_STATE * code_of(second, first) + causes
         return spelt(symbols.tobytes(), self._far[::-1])
