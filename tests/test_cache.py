@@ -196,8 +196,8 @@ def test_who_changes_the_physics_is_warned_and_goes_on(copy):
     """Uncompiled, which is quicker here; that an edit is compiled anew is tried below."""
     body = copy / "dimersweep" / "kernel" / "model" / "body.py"
     text = body.read_text()
-    assert text.count("J_t = 0.4 * (m_1 * r_1**2") == 1
-    body.write_text(text.replace("J_t = 0.4 * (m_1 * r_1**2", "J_t = 0.6 * (m_1 * r_1**2"))
+    assert text.count("J_t = 0.4 * (m_1 * (r_1 * r_1)") == 1
+    body.write_text(text.replace("J_t = 0.4 * (m_1 * (r_1 * r_1)", "J_t = 0.6 * (m_1 * (r_1 * r_1)"))
     program = (
         "import warnings, dimersweep\n"
         "with warnings.catch_warnings(record=True) as said:\n"

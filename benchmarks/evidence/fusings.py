@@ -65,10 +65,10 @@ def _of_whole_numbers(_: Any, builder: Any, signature: Any, given: Any) -> Any:
 class Switching(fusing.Fusing):
     """Numbers the places."""
 
-    def fused(self, a: ast.expr, b: ast.expr, c: ast.expr) -> ast.expr:
+    def fused(self, *terms: ast.expr) -> ast.expr:
         """See `Fusing`."""
-        call = ast.Call(ast.Name(fusing.NAME, ast.Load()), [ast.Constant(len(PLACES)), a, b, c], [])
-        PLACES.append(f"{ast.unparse(a)} * {ast.unparse(b)} + {ast.unparse(c)}".replace(fusing.NAME, "fma"))
+        call = super().fused(ast.Constant(len(PLACES)), *terms)
+        PLACES.append("fma({}, {}, {})".format(*map(ast.unparse, terms)).replace(fusing.NAME, "fma"))
         return call
 
 
@@ -93,9 +93,10 @@ jit.fused = _noted
 from dimersweep.cubes.cube import blank  # noqa: E402
 from dimersweep.errors import ParameterError  # noqa: E402
 from dimersweep.kernel.batch import run_many  # noqa: E402
+from dimersweep.kernel.model.layout import CODE_MODE, MODES  # noqa: E402
 from dimersweep.kernel.numerics.elementary import functions  # noqa: E402
 from dimersweep.parameters import Parameters  # noqa: E402
-from dimersweep.work.proving import PROOF_PERIODS, PROOF_RTOL, SCENES  # noqa: E402
+from dimersweep.work.proving import ARGUMENTS, PROOF_PERIODS, PROOF_RTOL, SCENES, UNITS, bits_of, outcomes  # noqa: E402
 from tests.checks.random_scenes import rows_of  # noqa: E402
 
 
@@ -186,17 +187,14 @@ def search(n: int, places: list[int]) -> None:
     for turn in range(n):
         if not left:
             break
-        x, y = rng.uniform(-9.0, 9.0, length), rng.uniform(-9.0, 9.0, length)
-        if turn % 2:
-            x *= 0.05
-        usual = functions(x, y).view(np.uint64)
+        k = rng.integers(-9 * UNITS, 9 * UNITS, length) // (20 if turn % 2 else 1)
+        usual = functions(k / UNITS).view(np.uint64)
         for place in list(left):
             CHOSEN[0] = place
-            changed = np.flatnonzero((functions(x, y).view(np.uint64) != usual).any(axis=1))
+            changed = np.flatnonzero((functions(k / UNITS).view(np.uint64) != usual).any(axis=1))
             CHOSEN[0] = NOWHERE
             if changed.size:
-                k = changed[0]
-                print(f"({x[k]!r}, {y[k]!r}),  # {changed.size} of {turn + 1}: {PLACES[place]}", flush=True)
+                print(f"{k[changed[0]]},  # {changed.size} of {turn + 1} million: {PLACES[place]}", flush=True)
                 left.remove(place)
     for place in left:
         print("  none:", PLACES[place])
@@ -207,6 +205,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=10_000)
     parser.add_argument("--choose", type=int, default=0, metavar="N")
+    parser.add_argument(
+        "--bits", action="store_true", help="print the bits that the proof is to know, of these sources"
+    )
     parser.add_argument("--search", type=int, default=0, metavar="MILLIONS")
     given = parser.parse_args()
     rows = np.array([Parameters(**scene.parameters).row() for scene in SCENES])
@@ -220,7 +221,19 @@ def main() -> None:
         choose(given.choose, [k for k in places if k not in elementary])
         search(given.search, elementary)
         return
+    if given.bits:
+        for scene, *found in zip(SCENES, *outcomes(), strict=True):
+            print(
+                f"    Scene({scene.parameters}, {MODES[found[1][CODE_MODE]]!r}, {bits_of(*found)!r}),".replace("'", '"')
+            )
+        print(f'FUNCTION_BITS = "{bits_of(functions(np.array(ARGUMENTS) / UNITS))}"')
+        return
+    usual = functions(np.array(ARGUMENTS) / UNITS)
     known = seen(rows, PROOF_PERIODS, places).any(axis=1)
+    for place in elementary:
+        CHOSEN[0] = place
+        known[place] |= bits_of(functions(np.array(ARGUMENTS) / UNITS)) != bits_of(usual)
+        CHOSEN[0] = NOWHERE
     print(f"{len(places)} places, {known.sum()} of them seen by the proof", flush=True)
     others, failed = [k for k in places if not known[k]], 0
     many = drawn(given.runs)

@@ -52,8 +52,8 @@ def told(rows: np.ndarray, codes: np.ndarray, values: np.ndarray) -> str:
 NAN = np.array([np.nan], ">f8").tobytes()
 
 
-def runs(count: int = 720) -> Iterator[tuple[str, str]]:
-    """Yield the runs by their names."""
+def runs(count: int = 720, first: int = 720) -> Iterator[tuple[str, str]]:
+    """Yield the first few of the runs by their names."""
     sys.path.insert(0, str(ROOT / "benchmarks" / "speed"))
     from same_bits import questions
 
@@ -61,7 +61,7 @@ def runs(count: int = 720) -> Iterator[tuple[str, str]]:
     from dimersweep.kernel.batch import run_many
     from dimersweep.parameters import Parameters
 
-    for k, question in enumerate(questions(count)):
+    for k, question in enumerate(questions(count)[:first]):
         scene = dict(question["scene"])
         periods, rtol, settle = (scene.pop(name) for name in ("periods", "rtol", "stop_when_settled"))
         scene.pop("record")
@@ -107,9 +107,8 @@ def states() -> Iterator[tuple[str, str]]:
 def maps() -> Iterator[tuple[str, str]]:
     """Yield what a forcing period makes of the states in which runs near the base case end."""
     from dimersweep.cubes.cube import blank
-    from dimersweep.kernel.batch import ask_for, run_rows
+    from dimersweep.kernel.batch import N_START, ask_for, run_rows
     from dimersweep.kernel.course import new_workspace
-    from dimersweep.kernel.model.layout import N_START
     from dimersweep.kernel.record import no_record
     from dimersweep.runs.period_map import Section
     from tests.checks.random_scenes import rows_of
@@ -162,7 +161,7 @@ def compare(one: Lines, other: Lines) -> Iterator[str]:
         names = [name for name in one if name.split()[0] == kind and name in other]
         pairs = [(one[name].split(" | "), other[name].split(" | ")) for name in names]
         same = [sum(a[:k] == b[:k] for a, b in pairs) for k in (3, 2, 1)]
-        yield f"{kind}: {same[0]} of {len(names)} the same bits, {same[1]} the same codes, {same[2]} the same scenes"
+        yield f"{kind}s: {same[0]} of {len(names)} the same bits, {same[1]} the same codes, {same[2]} the same scenes"
 
 
 def emulated(folder: Path, file: Path) -> None:

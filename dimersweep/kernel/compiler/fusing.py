@@ -13,12 +13,12 @@ are no products here, and whole numbers that are places in an array are left as 
 
 import ast
 import copy
+import functools
 import inspect
 import textwrap
 from collections.abc import Callable, Sequence
 from math import inf, isfinite
 from numbers import Integral
-from types import CodeType, FunctionType
 from typing import Any
 
 from numba import types
@@ -49,20 +49,16 @@ def fma(a: Any, b: Any, c: Any) -> Any:
 @type_callable(fma)
 def _type_of_fma(_: Any) -> Callable[..., Any]:
     def kind(a: Any, b: Any, c: Any) -> Any:
-        whole = all(isinstance(each, types.Integer) for each in (a, b, c))
-        number = types.int64 if whole else types.float64
+        number = types.int64 if all(isinstance(each, types.Integer) for each in (a, b, c)) else types.float64
         return number(number, number, number)
 
     return kind
 
 
-@lower_builtin(fma, types.float64, types.float64, types.float64)
-def _fma_of_floats(_: Any, builder: Any, signature: Any, given: Any) -> Any:
-    return builder.fma(*given)
-
-
-@lower_builtin(fma, types.int64, types.int64, types.int64)
-def _fma_of_whole_numbers(_: Any, builder: Any, signature: Any, given: Any) -> Any:
+@lower_builtin(fma, types.VarArg(types.Any))
+def _code_of_fma(_: Any, builder: Any, signature: Any, given: Any) -> Any:
+    if signature.return_type == types.float64:
+        return builder.fma(*given)
     return builder.add(builder.mul(given[0], given[1]), given[2])
 
 
@@ -70,35 +66,31 @@ def _minus(term: ast.expr) -> ast.expr:
     return ast.UnaryOp(ast.USub(), term)
 
 
-def _factors(term: ast.expr) -> tuple[ast.expr, ast.expr] | None:
-    """The two factors of a product, or None."""
-    match term:
-        case ast.BinOp(left, ast.Mult(), right):
-            return left, right
-        case ast.UnaryOp(ast.USub(), ast.BinOp(left, ast.Mult(), right)):
-            return _minus(left), right
-    return None
+def _factors(term: ast.expr) -> list[ast.expr]:
+    """The two factors of a product, or none."""
+    if isinstance(term, ast.BinOp) and isinstance(term.op, ast.Mult):
+        return [term.left, term.right]
+    if isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub) and (factors := _factors(term.operand)):
+        return [_minus(factors[0]), factors[1]]
+    return []
 
 
 class Fusing(ast.NodeTransformer):
     """Writes `fma` for the sums of products of a function."""
 
-    def fused(self, a: ast.expr, b: ast.expr, c: ast.expr) -> ast.expr:
-        return ast.Call(ast.Name(NAME, ast.Load()), [a, b, c], [])
+    def fused(self, *terms: ast.expr) -> ast.expr:
+        return ast.Call(ast.Name(NAME, ast.Load()), [*terms], [])
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.expr:
         self.generic_visit(node)
         if not isinstance(node.op, ast.Add | ast.Sub):
             return node
         left, right = node.left, node.right
-        negative = isinstance(node.op, ast.Sub)
-        if factors := _factors(left):
-            call = self.fused(*factors, _minus(right) if negative else right)
-        elif factors := _factors(right):
-            call = self.fused(_minus(factors[0]) if negative else factors[0], factors[1], left)
-        else:
-            return node
-        return ast.copy_location(call, node)
+        if isinstance(node.op, ast.Sub):  # the minus goes into the factor, or the last term
+            right = ast.BinOp(_minus(at[0]), ast.Mult(), at[1]) if (at := _factors(right)) else _minus(right)
+        first, other = (left, right) if _factors(left) else (right, left)
+        factors = _factors(first)
+        return ast.copy_location(self.fused(*factors, other), node) if factors else node
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.stmt:
         before = copy.copy(node.target)
@@ -113,28 +105,17 @@ class Fusing(ast.NodeTransformer):
         return node
 
 
-def _code_of(tree: Any, name: str) -> CodeType:
-    """The code of a function in what was compiled."""
-    inner = [each for each in tree.co_consts if isinstance(each, CodeType)]
-    return next((each for each in inner if each.co_name == name), None) or _code_of(inner[0], name)
-
-
 def fused(function: Callable[..., Any], lines: Sequence[str]) -> Callable[..., Any]:
     """Return this function with its sums of products written out as `fma`; `lines` are those of its file."""
     was: Any = function
-    first = was.__code__.co_firstlineno
-    module = ast.parse(textwrap.dedent("".join(inspect.getblock(lines[first - 1 :]))))
-    ast.increment_lineno(module, first - 1)
+    first = was.__code__.co_firstlineno - 1
+    module = ast.parse(textwrap.dedent("".join(inspect.getblock(lines[first:]))))
     definition: Any = module.body[0]
     definition.decorator_list = []
-    Fusing().visit(definition)
-    if was.__code__.co_freevars:  # names of the function around it
-        around: Any = ast.parse(f"def around({', '.join(was.__code__.co_freevars)}): pass")
-        around.body[0].body = module.body
-        module = around
-    code = _code_of(compile(ast.fix_missing_locations(module), was.__code__.co_filename, "exec"), was.__name__)
-    was.__globals__.setdefault(NAME, fma)
-    written = FunctionType(code, was.__globals__, was.__name__, was.__defaults__, was.__closure__)
-    written.__qualname__, written.__doc__, written.__module__ = was.__qualname__, was.__doc__, was.__module__
-    written.__kwdefaults__, written.__annotations__ = was.__kwdefaults__, was.__annotations__
-    return written
+    ast.increment_lineno(ast.fix_missing_locations(Fusing().visit(module)), first)
+    around = inspect.getclosurevars(was).nonlocals  # names of a function around it
+    scope = was.__globals__ | around if around else was.__globals__
+    scope.setdefault(NAME, fma)
+    found: dict[str, Any] = {}
+    exec(compile(module, was.__code__.co_filename, "exec"), scope, found)
+    return functools.update_wrapper(found[was.__name__], was)

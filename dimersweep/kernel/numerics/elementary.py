@@ -228,7 +228,7 @@ def fill_functions(x, y, out):
 
 def functions(x, y=1.0):
     """All `FUNCTIONS` of two numbers, or of arrays of one shape, along a last axis."""
-    x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+    x, y = (np.array(each, float) for each in np.broadcast_arrays(x, y))
     out = np.empty((*x.shape, len(FUNCTIONS)))
     fill_functions(x.ravel(), y.ravel(), out.reshape(-1, len(FUNCTIONS)))
     return out
