@@ -98,10 +98,9 @@ def states() -> Iterator[tuple[str, str]]:
         except (ParameterError, RuntimeError) as error:
             yield f"states {k}", str(error)
             continue
-        numbers = [name for name in found.data_vars if found[name].dtype == float]
+        table = np.array([each.values for each in found.data_vars.values() if each.dtype == float])
         for j in range(STATES):
-            values = np.array([found[name].values[j] for name in numbers])
-            yield f"state {k}.{j}", told(np.append(row, times[j]), np.zeros(0, int), values)
+            yield f"state {k}.{j}", told(np.append(row, times[j]), np.zeros(0, int), table[:, j])
 
 
 def maps() -> Iterator[tuple[str, str]]:
