@@ -31,7 +31,7 @@ from dimersweep.studies.search import search
 from dimersweep.studies.sweep import study_of
 from dimersweep.work import proving
 from dimersweep.work.progress import Tally, in_lines, notebook_bar
-from dimersweep.work.proving import CLOSE, SCENES, outcomes, proof
+from dimersweep.work.proving import SCENES, bits_of, outcomes, proof
 from dimersweep.work.scheduling import TASK_POINTS, Pace
 from tests.fakes import failing, fake_run_many, raising, run_tile
 from tests.seams import no_work, prove_with, set_pace, use_kernel
@@ -183,6 +183,7 @@ def all_nan(rows, periods, rtol, settle, out, codes):
     codes[:, CODE_MODE] = M_DRIFT
 
 
+MACHINE = proving.machine()
 REFUSED = "it must not be used. If its sources were changed on purpose, set DIMERSWEEP_OTHER_PHYSICS=1"
 
 
@@ -207,8 +208,8 @@ def test_many_threads_prove_the_kernel_once(monkeypatch):
     ("kernel", "told"),
     [
         (cannot_load, "kernel: cannot run here (EOFError: Ran out of input)"),
-        (all_nan, "kernel: gives radius nan in place of 4.2447157 for the base case; " + REFUSED),
-        (lambda *arguments: None, "kernel: gives not_run in place of drift for the base case; " + REFUSED),
+        (all_nan, f"kernel: gives other digits for the base case (radius nan) on {MACHINE}; {REFUSED}"),
+        (lambda *arguments: None, f"kernel: gives not_run in place of drift for the base case on {MACHINE}; {REFUSED}"),
     ],
 )
 def test_a_kernel_that_does_not_work_ends_the_sweep_before_any_point(monkeypatch, tmp_path, kernel, told):
@@ -404,10 +405,25 @@ def test_the_known_scenes_warn_of_nothing():
         proof.__wrapped__()
 
 
-def test_each_number_of_a_known_scene_is_compared():
+def test_each_bit_of_a_known_scene_is_compared(monkeypatch):
     out, codes = outcomes()
     for scene, numbers, code in zip(SCENES, out, codes, strict=True):
-        assert MODES[code[CODES.index("mode")]] == scene.mode
-        for name, known in scene.numbers.items():
-            np.testing.assert_allclose(numbers[OUT.index(name)], known, rtol=CLOSE)
-    assert CLOSE <= 1e-4
+        assert (MODES[code[CODES.index("mode")]], bits_of(numbers, code)) == (scene.mode, scene.bits)
+    run_many = proving.run_many
+
+    def other(rows, periods, rtol, settle, out, codes):
+        run_many(rows, periods, rtol, settle, out, codes)
+        out[3, OUT.index("zeta")] = np.nextafter(out[3, OUT.index("zeta")], 9.0)
+
+    prove_with(monkeypatch, other)
+    told = r"^kernel: gives other digits for e_2 = 0.76, mu = 0.29 \(radius [0-9.]+\) on .*with python .*, numba .*, llvmlite "
+    with pytest.raises(KernelError, match=told):
+        quiet_sweep()
+
+
+def test_elementary_functions_are_compared(monkeypatch):
+    functions = proving.functions
+    monkeypatch.setattr(proving, "functions", lambda x: np.nextafter(functions(x), 9.0))
+    proof.cache_clear()
+    with pytest.raises(KernelError, match=r"^kernel: gives other last digits of elementary functions on "):
+        quiet_sweep()

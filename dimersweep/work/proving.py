@@ -94,7 +94,7 @@ def proof() -> None:
         raise KernelError(f"kernel: cannot run here ({type(error).__name__}: {error})") from error
     if wrong and not os.environ.get(OTHER_PHYSICS):
         raise KernelError(
-            f"kernel: {wrong[0]} on {_machine()}; it must not be used. "
+            f"kernel: {wrong[0]} on {machine()}; it must not be used. "
             f"If its sources were changed on purpose, set {OTHER_PHYSICS}=1"
         )
     if wrong:
@@ -126,7 +126,7 @@ def _difference(scene: Scene, out: np.ndarray, codes: np.ndarray) -> str:
     return f"gives other digits for {what}{radius}" if bits_of(out, codes) != scene.bits else ""
 
 
-def _machine() -> str:
+def machine() -> str:
     """The processor, and what makes code of the kernel for it."""
     from llvmlite import binding
 
