@@ -9,6 +9,7 @@ import sqlite3
 import subprocess
 import sys
 import threading
+import traceback
 from contextlib import closing
 from pathlib import Path
 
@@ -418,8 +419,11 @@ def test_a_disk_that_is_really_full(disk, monkeypatch):
     with monkeypatch.context() as patch:
         flush_each_tile(patch)
         set_pace(patch, 10)
-        with pytest.raises(StoreError, match=r"\(database or disk is full\); what was finished before is kept in "):
+        with pytest.raises(
+            StoreError, match=r"\(database or disk is full\); what was finished before is kept in "
+        ) as told:
             sweep(out=place / "cube.nc", workers=1)
+    assert "".join(traceback.format_exception(told.value)).count("StoreError: ") == 1
     assert os.listdir(place) == ["cube.nc.tiles"]
     remount("size=10m")
     xr.testing.assert_equal(sweep(out=place / "cube.nc"), reference)

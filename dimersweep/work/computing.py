@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from dimersweep.cubes.grid import Grid
 from dimersweep.cubes.results import Finished, Tile, common, not_ok, pieces, tally, why_failed
-from dimersweep.errors import PointError, Stopped, UnfinishedError
+from dimersweep.errors import PointError, Stopped, StoreError, UnfinishedError
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.options import Options
 from dimersweep.work.progress import Tally, report_compiling, watch
@@ -119,8 +119,12 @@ class Crew(ExitStack):
                     failures.append((int(points[row]), why_failed(made.results[row])))
                 if failures or alike >= ALIKE or (troubles and self.options.fail_fast):
                     self._stop.set()
-        finally:
+        except StoreError:  # of a disk that has refused, and would refuse once more
+            raise
+        except BaseException:
             self.store.flush()
+            raise
+        self.store.flush()
         if failures:
             point, words = min(failures)
             raise PointError(f"{work.grid.point(point)} failed: {words}; {self.store.kept}")
