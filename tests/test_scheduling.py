@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 import dimersweep
 from dimersweep.cubes.results import RESULT, Tile, blank_results, chunks, common, gaps, pieces, runs
-from dimersweep.errors import KernelError, ParameterError, UnfinishedError
+from dimersweep.errors import KernelError, ParameterError, PointError, UnfinishedError
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.compiler import versions
@@ -254,6 +254,65 @@ def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
         cluster.run(mend, workers=one)
     assert not (tmp_path / "cube.nc").exists()
     assert (sweep(client=cluster, out=tmp_path / "cube.nc")["mode"].values > 1).all()
+
+
+def busy(dask_worker):
+    """How many tasks a worker is at."""
+    return len(dask_worker.active_threads)
+
+
+@pytest.mark.jit
+@pytest.mark.parametrize("how", ["Ctrl-C", "fail_fast"])
+def test_nobody_computes_a_second_after_a_stop(cluster, how, recwarn):
+    """The points of the second half take a minute, unless they are stopped, or fail at once where that ends the sweep."""
+
+    def delay(fails):
+        import time
+
+        import dimersweep.runs.solving as there
+        from dimersweep.kernel.batch import is_stopped
+        from dimersweep.kernel.model.layout import CODE_MODE, CODE_STATUS, JAMMED, M_FAILED
+
+        there.ours = run_many = there.run_many
+
+        def waits(rows, *rest, until=0, space=None):
+            made = run_many(rows, *rest, until=until, space=space)
+            if fails and (rows[:, ROW.index("f")] == 25).any():
+                rest[-1][:, [CODE_MODE, CODE_STATUS]] = M_FAILED, JAMMED
+                return made
+            ends = time.monotonic() + 60 * (rows[:, ROW.index("f")] == 20).any()
+            while not is_stopped(space) and time.monotonic() < ends:
+                time.sleep(0.01)
+            return made
+
+        there.run_many = waits
+
+    def heal():
+        import dimersweep.runs.solving as there
+
+        there.run_many = there.ours
+
+    def interrupt():
+        ends = time.monotonic() + 60
+        while time.monotonic() < ends and sum(cluster.run(busy).values()) < 2:
+            time.sleep(0.05)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    cluster.run(delay, how == "fail_fast")
+    points = {"f": [15.0] * 10 + [20.0] + [25.0 if how == "fail_fast" else 20.0] * 9}
+    try:
+        if how == "Ctrl-C":
+            threading.Thread(target=interrupt).start()
+        with pytest.raises(KeyboardInterrupt if how == "Ctrl-C" else PointError):
+            dimersweep.sweep(points=points, periods=10, progress=False, client=cluster, fail_fast=how == "fail_fast")
+        time.sleep(1.0)
+        assert set(cluster.run(busy).values()) == {0}
+        assert not cluster.futures
+    finally:
+        cluster.run(heal)
+    logs = [line for lines in cluster.get_worker_logs().values() for _, line in lines]
+    assert not any("Traceback" in line and "stop_elsewhere" in line for line in logs)
+    assert not recwarn.list
 
 
 @pytest.mark.jit

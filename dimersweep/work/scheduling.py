@@ -3,7 +3,9 @@
 import logging
 import os
 import socket
+import threading
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor, wait
@@ -16,7 +18,7 @@ from uuid import uuid4
 import numpy as np
 
 from dimersweep.cubes.results import Tile, blank_results, chunks
-from dimersweep.errors import KernelError, ParameterError, UserError
+from dimersweep.errors import KernelError, ParameterError, UserError, one_line
 from dimersweep.kernel import kernel_version
 from dimersweep.work.proving import prove
 from dimersweep.work.stopping import POLL, StopFlag
@@ -25,6 +27,7 @@ from dimersweep.work.tiles import TILE_SECONDS, Made, Work, attempt
 IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
 TASK_GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
 CONNECT_SECONDS = 10.0  # to find a scheduler
+ANSWER_SECONDS = 2.0  # that workers have to answer what they are asked: their loop is free while they compute
 CLIENT_LOGS = ("distributed.client", "tornado.application", "asyncio")  # they log a connection that is lost
 COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
 TASK_GROWTH = 4  # a task has at most this many times the points that have come back in all
@@ -200,8 +203,10 @@ def cluster(client: Any) -> Iterator[Pool]:
             return executor.submit(run_elsewhere, *work.narrowed(points), seconds, kernel_version(), asker)
 
     def stop() -> None:
-        with suppress(Exception):  # of a connection that is lost
-            client.run(stop_elsewhere, asker, wait=False)
+        why = next((each for each in ask_workers(client, stop_elsewhere, asker).values() if each is not None), None)
+        if why is not None:
+            told = f"scheduler: not every worker could be told to stop ({type(why).__name__}: {one_line(why)})"
+            warnings.warn(told, RuntimeWarning, stacklevel=2)
 
     try:
         yield Pool(submit, workers, stop)
@@ -209,8 +214,28 @@ def cluster(client: Any) -> Iterator[Pool]:
         stop()
         raise
     finally:
-        with suppress(Exception):  # of a connection that is lost
+        with suppress(Exception):  # of a connection that is lost, for which distributed has no common class
             executor.shutdown(wait=False)
+
+
+def ask_workers(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
+    """Return what a function gives in each worker process, by its address, or the error that it raised there.
+
+    A worker that hangs, or a scheduler that is lost, would keep whoever waits for it: where the answers take longer than
+    `ANSWER_SECONDS`, or cannot be had, there is an error alone, with no address.
+    """
+    answers: list[dict[str, Any]] = []
+
+    def ask() -> None:
+        try:
+            answers.append(client.run(function, *given, on_error="return"))
+        except Exception as error:  # distributed has no common class for what a lost scheduler leads to
+            answers.append({"": error})
+
+    asking = threading.Thread(target=ask, daemon=True, name="dimersweep-asks")
+    asking.start()
+    asking.join(ANSWER_SECONDS)
+    return answers[0] if answers else {"": TimeoutError(f"no answer within {ANSWER_SECONDS:g} s")}
 
 
 @contextmanager
