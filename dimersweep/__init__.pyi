@@ -42,6 +42,7 @@ from dimersweep.studies.attractors import attractors as attractors
 from dimersweep.studies.declared import make as make
 from dimersweep.studies.declared import read_declaration as read_declaration
 from dimersweep.studies.loops import loops as loops
+from dimersweep.studies.merging import merge as merge
 from dimersweep.studies.observing import observer as observer
 from dimersweep.studies.refine import refine as refine
 from dimersweep.studies.search import search as search

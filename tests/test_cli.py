@@ -313,6 +313,7 @@ def interrupted_in(call, monkeypatch):
 COMMANDS = {
     "simulate": (["--periods", "3"], ["parameters.Parameters", "runs.simulating.simulate"]),
     "run": (["small.toml"], ["studies.declared.read_declaration", "studies.making.make_cube"]),
+    "merge": (["absent.nc", "--out", "a.nc"], ["studies.merging.merge"]),
     "presets": ([], ["cli.sweeping.all_presets"]),
     "plan": (["small.toml"], ["studies.declared.read_declaration", "studies.planning.plan"]),
     "status": (["absent.nc"], ["studies.status.status"]),

@@ -15,7 +15,7 @@ from dimersweep.cli.drawing import explore, plot
 from dimersweep.cli.finding import attractors, later, lyapunov, orbits, power
 from dimersweep.cli.measuring import fit, waveform
 from dimersweep.cli.simulating import simulate
-from dimersweep.cli.sweeping import borders, plan, presets, run, status
+from dimersweep.cli.sweeping import borders, merge, plan, presets, run, status
 from dimersweep.errors import UserError, unknown
 
 INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
@@ -52,6 +52,7 @@ EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
         "simulate --A_z 1mm --f 15 --r_1 5.1mm --json",
     ),
     run: ("run fig07", "run my.toml --out my.nc --workers 4 --certify", "run --from my.nc --out again.nc"),
+    merge: ("merge fig07.part-*.nc --out fig07.nc",),
     presets: ("presets", "presets fig07 > my.toml"),
     plan: ("plan fig08",),
     status: ("status fig08.nc",),

@@ -50,6 +50,9 @@ def run(
     certify: Annotated[bool, option("Say how sure each mode is; about 2.5 times the time.", "--certify")] = False,
     carry: Carry = None,
     observe: Observe = None,
+    part: Annotated[
+        str | None, option("Run one part of the sweep, such as 3/20, for merge; it is not drawn.", metavar="K/N")
+    ] = None,
     out: Annotated[Path | None, option("Cube to write, in place of the declared output.", group=OUTPUT)] = None,
     plot: Annotated[bool, option("Draw the cube beside its file.", group=OUTPUT)] = True,
     force: Force = False,
@@ -58,8 +61,10 @@ def run(
     declared = _declared(declaration, source, out, other_kernel=other_kernel)
     from dimersweep.storage.outputs import check_output
     from dimersweep.storage.tilestore import tiles_of
+    from dimersweep.work.parts import Part
 
-    cube_file = out or Path(declared.sweep.output)
+    whole_file = out or Path(declared.sweep.output)
+    cube_file, plot = (whole_file, plot) if part is None else (Part.of(part).file(whole_file), False)
     check_output(cube_file, force=True)  # a cube that is there already is checked where it can be read
     picture, forced = cube_file.with_suffix(".png"), force or retry
     with interruptible(
@@ -75,7 +80,7 @@ def run(
             check_picture_of(digest(as_text(study.configuration())), picture, force=forced)
         cube = make_cube(
             study,
-            out=cube_file,
+            out=whole_file,
             attrs=declared.attrs,
             extend=extend,
             retry=retry,
@@ -84,12 +89,36 @@ def run(
             fail_fast=fail_fast,
             force=force,
             keep_tiles=keep_tiles,
+            part=part,
             progress=not tell.quiet,
         )
         print_cube(tell, cube)
         tell(f"cube: {cube_file}", cube=str(cube_file))
         if plot:
             draw_if_it_can(tell, cube, picture, force=forced)
+
+
+@telling
+def merge(
+    tell: Printer,
+    parts: Annotated[list[Path], argument("PART...", "Files of all parts of a sweep, in any order.")],
+    *,
+    out: Annotated[Path, option("Cube to write.", group=OUTPUT)],
+    finish: Annotated[bool, option("Make the parts that are missing first.", "--finish")] = False,
+    workers: Workers = None,
+    plot: Annotated[bool, option("Draw the cube beside its file.", group=OUTPUT)] = True,
+    force: Force = False,
+) -> None:
+    """Make one cube of the parts of a sweep, which run --part has made, and draw it."""
+    picture = out.with_suffix(".png")
+    with interruptible(out, picture if plot else None, again="run the same again with --force"):
+        from dimersweep.studies.merging import merge
+
+        cube = merge(parts, out, finish=finish, force=force, workers=workers, progress=not tell.quiet)
+        print_cube(tell, cube)
+        tell(f"cube: {out}", cube=str(out))
+        if plot:
+            draw_if_it_can(tell, cube, picture, force=force)
 
 
 def _declared(

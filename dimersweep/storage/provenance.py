@@ -24,6 +24,7 @@ from dimersweep.kernel import kernel_version
 from dimersweep.symbols import Picture
 
 FILE_FORMAT = "1"  # of cubes and runs
+PART = "part"  # in the configuration of a cube that has a part of its points, such as 3/20
 CHECKSUM = "values_sha256"  # attribute of a cube: the checksum of its coordinates and values
 OURS = {  # attributes of a cube that are the program's; a user may give its title and its kind of picture
     *("Conventions", "source", "references", "history", "dimersweep_cube", "configuration", "configuration_sha256"),

@@ -18,7 +18,7 @@ from dimersweep.parameters import check, spelt_out
 from dimersweep.storage.checking import check_configured
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.storage.outputs import check_ending
-from dimersweep.storage.provenance import differences
+from dimersweep.storage.provenance import PART, differences
 from dimersweep.studies import refine, search, sweep
 from dimersweep.studies.making import make_cube
 from dimersweep.studies.observing import look_in
@@ -351,7 +351,7 @@ make.__signature__ = with_options(make)  # type: ignore[attr-defined]
 
 
 def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> Declaration:
-    """The declaration that gives the cube at `path` again, from what the cube tells of itself.
+    """The declaration that gives the cube at `path` again, from what the cube tells of itself; of a part, that of all parts.
 
     Parameters
     ----------
@@ -373,6 +373,7 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     cube = open_cube(path)
     check_configured(cube, path)
     configuration = json.loads(cube.attrs["configuration"])
+    configuration.pop(PART, None)
     try:
         declaration = _declared(cube, configuration, path)
     except (KeyError, TypeError, ValueError, AttributeError) as error:  # a ValidationError is a ValueError

@@ -20,15 +20,15 @@ from dimersweep.storage.checking import check_unchanged, checksum_of
 from dimersweep.storage.cubefiles import open_cube, write_cube
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import format_of
-from dimersweep.storage.outputs import check_output
-from dimersweep.storage.provenance import CHECKSUM, as_text, attributes, differences
+from dimersweep.storage.outputs import TABLES, check_ending, check_output
+from dimersweep.storage.provenance import CHECKSUM, PART, as_text, attributes, differences
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.study import Batch, Study
 from dimersweep.work.computing import Crew, settle_way
 from dimersweep.work.options import IN_PASSING, Given, Options, make_options
 
 BLOCK = 1 << 16  # points of other cubes that are looked up at a time
-_POINTS = ("grid", "fixed", "refine")
+_POINTS = ("grid", "fixed", "refine", PART)
 
 Stands = Callable[[np.ndarray, np.ndarray], np.ndarray]  # see `Study.stands`
 # what another cube has of some ranges of points, as far as it stands
@@ -44,6 +44,11 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
         See `sweep`.
     """
     options = make_options(**given)
+    if options.part is not None:
+        study = study.cut(options.part)
+        if options.out is not None:
+            check_ending(str(options.out), what="the cube of a part", endings=TABLES)
+            options = replace(options, out=options.part.file(options.out))
     if study.grid.columns and options.extend is not None:
         raise ParameterError("extend: is for grids, not for single points")
     former = _complete_cube(study, options)

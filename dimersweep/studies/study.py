@@ -10,11 +10,14 @@ import xarray as xr
 from dimersweep.cubes.cube import blank, build, results_in, with_fields
 from dimersweep.cubes.grid import Grid, check_fits
 from dimersweep.cubes.results import Field, Tile, blank_results, kind_with, not_ok
+from dimersweep.errors import ParameterError
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.runs.carrying import carried
 from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently
+from dimersweep.storage.provenance import PART
 from dimersweep.studies.observers import Observer, Ran, needs_of
+from dimersweep.work.parts import Part
 
 MOST_PARTS = 200  # that are timed
 MOST_OF_LINE = 20  # values of a line that are timed
@@ -71,11 +74,14 @@ class Study:
         How long each point is run, and how accurately.
     observers : tuple of Observer
         What is known of each point besides the numbers of its run.
+    part : Part, optional
+        The points that are run, where that is not all of them; the others stay without a result.
     """
 
     grid: Grid
     how: RunSettings
     observers: tuple[Observer, ...] = ()
+    part: Part | None = None
 
     own_fields: ClassVar[tuple[Field, ...]] = ()  # of a result, that become variables in another way than others do
 
@@ -121,7 +127,20 @@ class Study:
             settings["max_periods"] = self.how.max_periods
         for observer in self.observers:
             settings |= observer.settings()
-        return settings
+        return settings | ({} if self.part is None else {PART: str(self.part)})
+
+    def cut(self, part: Part) -> Self:
+        """Return this study with the points of a part alone.
+
+        Raises
+        ------
+        ParameterError
+            If there are fewer points, or lines of them, than parts; or if it cannot be cut.
+        """
+        pieces, unit = self.size // self.line, "points" if self.line == 1 else "lines"
+        if part.total > pieces:
+            raise ParameterError(f"part = {part}: this sweep has {pieces} {unit}, and so at most {pieces} parts")
+        return replace(self, part=part)
 
     def asked(self) -> dict[str, Any]:
         """The part of a configuration that says what is done at each point."""
@@ -186,7 +205,8 @@ class Study:
         results : callable
             Gives those of all points so far, shape (grid.size,); of points of former batches they are there.
         """
-        yield Batch(self, [Tile(0, self.size)], self.size)
+        ranges = [Tile(0, self.size)] if self.part is None else self.part.ranges(self.size, self.line)
+        yield Batch(self, ranges, sum(stop - start for start, stop in ranges))
 
     def stands(self, points: np.ndarray, results: np.ndarray) -> np.ndarray:
         """Which results of another cube, all of them run, are those that this study would give at `points`; shapes (n,)."""

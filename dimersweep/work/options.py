@@ -12,6 +12,7 @@ from dask.system import CPU_COUNT
 from dimersweep.inputs import check_count
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.symbols import PARAMETERS
+from dimersweep.work.parts import Part
 
 MAX_WORKERS = 4096  # threads
 
@@ -29,6 +30,7 @@ class Given(TypedDict, total=False):
     retry: bool
     fail_fast: bool
     keep_tiles: bool
+    part: str | tuple[int, int] | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +47,7 @@ class Options:
     attrs: Mapping[str, Any] = field(default_factory=dict)
     extend: str | os.PathLike[str] | None = None
     retry: bool = False
+    part: Part | None = None
 
 
 def with_options(function: Any, like: Any = None) -> Signature:
@@ -69,7 +72,7 @@ def make_options(**given: Unpack[Given]) -> Options:
     Raises
     ------
     ParameterError
-        If `workers` or one of `attrs` is not allowed.
+        If `workers`, `part` or one of `attrs` is not allowed.
     TypeError
         For an option that there is not.
     """
@@ -79,10 +82,11 @@ def make_options(**given: Unpack[Given]) -> Options:
             if hasattr(value, "__len__") and not isinstance(value, str):
                 fixed = f"; give the axes as a mapping: {{{name!r}: {value!r}}}"
             raise TypeError(f"{name} = {value!r}: unknown option{fixed if name in PARAMETERS else ''}")
-    out, workers = given.get("out"), given.get("workers")
+    out, workers, part = given.get("out"), given.get("workers"), given.get("part")
     checked: dict[str, Any] = dict(given) | {
         "workers": CPU_COUNT if workers is None else check_count("workers", workers, MAX_WORKERS),
         "out": None if out is None else Path(out),
         "attrs": check_attrs(given.get("attrs")),
+        "part": None if part is None else Part.of(part),
     }
     return Options(**checked)

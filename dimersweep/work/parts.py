@@ -1,0 +1,58 @@
+"""Parts of a sweep, each for a process of its own that knows nothing of the others: which points it has, and its file."""
+
+import re
+from math import ceil
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+from dimersweep.cubes.results import Tile
+from dimersweep.errors import ParameterError
+
+TILES = 64  # of a part at most: the points of all parts are spread alike over the grid, and a store has few rows
+MOST_PARTS = 10_000
+
+
+class Part(NamedTuple):
+    """The part `number` of `total`, which are counted from 1."""
+
+    number: int
+    total: int
+
+    @classmethod
+    def of(cls, given: Any) -> Self:
+        """Return the part that ``"3/20"``, or ``(3, 20)``, asks for.
+
+        Raises
+        ------
+        ParameterError
+            If that is no part.
+        """
+        text = given if isinstance(given, str) else "/".join(map(str, given)) if isinstance(given, tuple | list) else ""
+        found = re.fullmatch(r"\s*([0-9]{1,5})\s*/\s*([0-9]{1,5})\s*", text)
+        part = cls(*map(int, found.groups())) if found else None
+        if part is None or not 1 <= part.number <= part.total <= MOST_PARTS:
+            raise ParameterError(f"part = {given!r}: must be k/n with 1 <= k <= n <= {MOST_PARTS}, such as 3/20")
+        return part
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.total}"
+
+    @property
+    def word(self) -> str:
+        """Its mark in the names of files."""
+        return f"part-{self.number}-of-{self.total}"
+
+    def file(self, out: Path) -> Path:
+        """Return the file of this part of the cube `out`."""
+        return out.with_name(f"{out.stem}.{self.word}{out.suffix}")
+
+    def ranges(self, size: int, line: int = 1) -> list[Tile]:
+        """Return its tiles of `size` points, in order: one in each round of all parts, and whole lines of so many points.
+
+        The order of the parts moves on by one from round to round. If it did not, and the tiles of a row of the grid were a
+        multiple of the parts, each part would have some columns of the grid, which may be quick or slow.
+        """
+        length = line * ceil(size / line / (TILES * self.total))
+        rounds = range(ceil(size / (length * self.total)))
+        starts = (length * (each * self.total + (self.number - 1 + each) % self.total) for each in rounds)
+        return [Tile(start, min(start + length, size)) for start in starts if start < size]
