@@ -304,19 +304,19 @@ def check_switch(name: str, value: Any) -> bool:
     raise ParameterError(f"{name} = {_shown(value)}: must be True or False")
 
 
-def check_seconds(max_seconds: Any) -> float | None:
-    """A bound on the time of a run [s] as a float above 0, or None for none.
+def check_seconds(given: Any, name: str = "max_seconds") -> float | None:
+    """A bound on a time [s] as a float above 0, or None for none.
 
     Raises
     ------
     ParameterError
         If it is no number, or not above 0.
     """
-    if max_seconds is None:
+    if given is None:
         return None
-    number = as_number("max_seconds", max_seconds, "s")
+    number = as_number(name, given, "s")
     if number <= 0:
-        raise ParameterError(f"max_seconds = {number}: must be > 0")
+        raise ParameterError(f"{name} = {number}: must be > 0")
     return min(number, MAX_SECONDS)
 
 

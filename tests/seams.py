@@ -157,4 +157,4 @@ class SteadyPace:
 
 def set_pace(patch, length):
     """Cut sweeps into tasks of `length` points."""
-    patch.setattr("dimersweep.work.computing.Pace", lambda size, workers: SteadyPace(length, workers))
+    patch.setattr("dimersweep.work.computing.Pace", lambda size, workers, demand: SteadyPace(length, workers))

@@ -6,7 +6,9 @@ import signal
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from functools import partial
+from importlib.metadata import version
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -19,17 +21,17 @@ from hypothesis import strategies as st
 import dimersweep
 from dimersweep.cubes.results import RESULT, Tile, blank_results, chunks, common, gaps, pieces, runs
 from dimersweep.errors import KernelError, ParameterError, PointError, UnfinishedError
-from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import is_stopped
-from dimersweep.kernel.compiler import versions
 from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED, ROW, ROW_BETA0
+from dimersweep.runs import solving
 from dimersweep.studies.sweep import study_of
-from dimersweep.work import scheduling, stopping, tiles
+from dimersweep.work import scheduling, stopping, tiles, waiting
+from dimersweep.work.progress import Tally
 from dimersweep.work.scheduling import IN_FLIGHT, Pool, run_tasks
 from dimersweep.work.stopping import StopFlag, stoppable
 from dimersweep.work.tiles import Made, attempt
 from tests.fakes import CODE, points_on_disk, raising
-from tests.seams import SteadyPace, set_clock, set_pace, use_kernel
+from tests.seams import SteadyPace, no_warm_up, set_clock, set_pace, use_kernel
 
 SPEC = study_of({"f": [15, 20], "A_r": [5, 6, 7], "beta0": {"start": 0.1, "stop": 1, "num": 40}}, periods=5)
 
@@ -202,30 +204,47 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("module", [versions.__name__, "dimersweep.work.scheduling"], ids=["at the start", "later"])
-def test_workers_with_another_kernel_are_refused(cluster, module):
+@pytest.mark.parametrize("numba", [None, "0.0.1"], ids=["other sources", "another Numba"])
+def test_workers_with_another_kernel_are_refused(cluster, numba):
     def pretend():
-        import sys
+        import dimersweep.work.scheduling as there
 
-        import dimersweep.work.scheduling  # noqa: F401
-
-        there = sys.modules[module]
-        there.ours, there.kernel_version = there.kernel_version, lambda: "another"
+        there.ours = there.kernel_version, there._packages
+        there.kernel_version = lambda: "another"
+        there.proof_of, there.is_proven = there.is_proven, lambda: numba is None
+        if numba:
+            packages = there._packages() | {"numba": numba}
+            there._packages = lambda: packages
+            there.get_ready = None  # versions are compared before minutes go by
 
     def be_honest():
-        import sys
+        import dimersweep.work.scheduling as there
+        from dimersweep.work.warming import get_ready
 
-        sys.modules[module].kernel_version = sys.modules[module].ours
+        (there.kernel_version, there._packages), there.get_ready, there.is_proven = (
+            there.ours,
+            get_ready,
+            there.proof_of,
+        )
 
     cluster.run(pretend)
+    more = rf"; numba {version('numba')} here, 0.0.1 there" if numba else ""
+    told = r"^scheduler: worker process \d+ on \S+ has another kernel \(kernel version [0-9a-f]{16} here, another there"
+    told += more + r"\); give all the same"
     try:
-        with pytest.raises(
-            ParameterError,
-            match=r"^scheduler: \w+.* has other sources of dimersweep than this process; give all the same",
-        ):
+        with pytest.raises(ParameterError, match=told):
             sweep(client=cluster)
     finally:
         cluster.run(be_honest)
+
+
+@pytest.mark.jit
+def test_a_worker_that_comes_later_is_compared_before_it_compiles(monkeypatch):
+    monkeypatch.setattr(scheduling, "is_proven", lambda: False)
+    monkeypatch.setattr(scheduling, "get_ready", lambda: pytest.fail("it was compiled"))
+    others = scheduling.kernel_made_of() | {scheduling.KERNEL: "another", "Python": "3.10.1"}
+    with pytest.raises(ParameterError, match=r"; Python 3.10.1 here, 3\.\d+\.\d+ there\); give all the same"):
+        scheduling.run_elsewhere(Endless(), np.arange(3), 60.0, others, "asker")
 
 
 @pytest.mark.jit
@@ -244,16 +263,171 @@ def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
 
         there.run_many = there.ours
 
-    one = list(cluster.scheduler_info()["workers"])[:1]
-    cluster.run(damage, workers=one)
+    cluster.run(damage)  # of all, as the points are so quick that one worker may do all of them
     told = r"^scheduler: worker process \d+ on .*: kernel: cannot run here \(EOFError: Ran out of input\)$"
     try:
         with pytest.raises(KernelError, match=told):
             sweep(client=cluster, out=tmp_path / "cube.nc")
     finally:
-        cluster.run(mend, workers=one)
+        cluster.run(mend)
     assert not (tmp_path / "cube.nc").exists()
     assert (sweep(client=cluster, out=tmp_path / "cube.nc")["mode"].values > 1).all()
+
+
+@pytest.mark.jit
+def test_an_adaptive_cluster_sees_the_work_that_waits(monkeypatch):
+    """One thread, and 40 s of work: as many more are asked for as do it in the 5 s that dask aims at."""
+    from distributed import Client, LocalCluster
+
+    fast, asked = solving.run_many, []
+
+    def slow(rows, *rest, until=0, space=None):
+        made = fast(rows, *rest, until=until, space=space)
+        time.sleep(0.01 * made)
+        return made
+
+    def ask():
+        ends = time.monotonic() + 30
+        while time.monotonic() < ends and max(asked, default=0) < 6:
+            asked.append(client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.adaptive_target()))
+            time.sleep(0.1)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    use_kernel(monkeypatch, slow)
+    one = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with LocalCluster(**one) as cluster, Client(cluster) as client:
+        threading.Thread(target=ask).start()
+        begun = time.monotonic()
+        with pytest.raises(KeyboardInterrupt):
+            dimersweep.sweep(
+                {"beta0": {"start": 10, "stop": 80, "num": 4000, "unit": "deg"}},
+                periods=10,
+                progress=False,
+                client=client,
+            )
+        time.sleep(1.0)
+        assert time.monotonic() - begun < 20
+        assert sum(client.run(busy).values()) == 0 and not client.futures
+    assert max(asked) >= 6
+
+
+def test_what_a_task_leaves_undone_is_cut_as_all_else():
+    def submit(work, points, seconds):
+        future = Future()
+        future.set_result(Made(blank_results(min(3, points.size)), 1.0))
+        return future
+
+    class Learning(SteadyPace):
+        def note(self, points, seconds):
+            self.length = 3
+
+    sizes = []
+    for points, _ in run_tasks(Pool(submit, lambda: 1), SPEC, [Tile(0, 90)], Learning(90), StopFlag()):
+        sizes.append(points.size)
+    assert sizes == [90] + [3] * 29
+
+
+# --- a wait is never silent ------------------------------------------------------------------------------------------------
+
+
+class Planned(NamedTuple):
+    """A client with a cluster of dask-jobqueue, as far as is looked at."""
+
+    cluster: object
+
+
+class SLURMCluster:
+    """What dask-jobqueue's has."""
+
+    plan = ("a", "b")
+    job_cls = type("SLURMJob", (), {"submit_command": "sbatch"})
+    job_header = "#SBATCH -J dask-worker\n#SBATCH -e logs/dask-worker-%J.err\n#SBATCH -p closed\n#SBATCH --mem=16G"
+
+
+def test_what_is_waited_for_is_told_with_where_to_look(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "dask-worker-7.err").write_text("no such queue")
+    asked = "SLURMCluster asks for 2 (each of them -J dask-worker -e logs/dask-worker-%J.err -p closed --mem=16G)"
+    look = "see squeue --me, and the newest log of a job: logs/dask-worker-7.err"
+    client = Planned(SLURMCluster())
+    assert waiting.words_for(client, {}, [], 0) == f"no worker; {asked}; {look}"
+    told = waiting.words_for(client, {"one": 4}, [True, False, False], 1)
+    assert told == (
+        "1 workers with 4 threads; 1 wait until the kernel is compiled; 3 have left, 2 of them untold: a worker takes 270 MB "
+        f"with the kernel loaded, and 1.0 GB beside it while that is compiled; {asked}; {look}; cluster.adapt(minimum_jobs=n, "
+        "maximum_jobs=n) replaces workers that leave, cluster.scale does not"
+    )
+    assert [waiting.lacks(client, dict.fromkeys(names, 1)) for names in ("", "a", "ab")] == [True, True, False]
+    nobody = Planned(None)  # it was given an address
+    assert waiting.words_for(nobody, {}, [], 0) == "no worker" and waiting.lacks(nobody, {})
+
+
+def pool_that(lacks):
+    return Pool(None, lambda: 2, lacks=lambda: lacks, words=lambda: "two workers")
+
+
+@pytest.mark.parametrize("lacking", [True, False], ids=["a worker is missing", "nothing comes back"])
+def test_a_wait_is_told_every_minute(monkeypatch, capsys, lacking):
+    monkeypatch.setattr(waiting, "LOOK_SECONDS", 0.02)
+    monkeypatch.setattr(waiting, "SILENT_SECONDS", 0.3)
+    tally, stop = Tally(100), StopFlag()
+    with waiting.patience(tally, pool_that(lacking), stop, show=True):
+        ends = time.monotonic() + 1.0
+        while time.monotonic() < ends:
+            if lacking:
+                tally.add({"rest": 1})
+            time.sleep(0.01)
+    told = capsys.readouterr().err.splitlines()
+    silent = "" if lacking else "no result for 0:00:00; "
+    assert {line.replace("0:00:01", "0:00:00") for line in told} == {f"{silent}two workers"}
+    assert 2 <= len(told) <= 3 and not stop.is_set()
+
+
+def test_nothing_is_told_while_all_are_there_and_results_come(monkeypatch, capsys):
+    monkeypatch.setattr(waiting, "LOOK_SECONDS", 0.02)
+    monkeypatch.setattr(waiting, "SILENT_SECONDS", 0.2)
+    tally = Tally(100)
+    with waiting.patience(tally, pool_that(False), StopFlag(), 5.0, show=True):
+        for _ in range(50):
+            tally.add({"rest": 1})
+            time.sleep(0.01)
+    assert capsys.readouterr().err == ""
+
+
+def test_a_sweep_is_given_up_if_that_was_asked(monkeypatch):
+    def endless(rows, *rest, until=0, space=None):
+        while not is_stopped(space):
+            time.sleep(0.01)
+        return 0
+
+    use_kernel(monkeypatch, endless)
+    no_warm_up(monkeypatch)
+    told = r"^given up: no result for 0:00:0\d; all threads are at work; nothing is kept, as no output was given$"
+    with pytest.raises(UnfinishedError, match=told):
+        sweep(give_up_after="300 ms")
+
+
+@pytest.mark.jit
+def test_the_words_of_a_wait_come_from_the_workers(cluster):
+    seen = []
+
+    @contextmanager
+    def wait(tally, pool, stop, seconds, *, show):
+        yield
+        seen.append((pool.lacks(), pool.words()))
+
+    def compile_now(yes):
+        from dimersweep.kernel.compiler.cache import under_way
+
+        (under_way.set if yes else under_way.clear)()
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("dimersweep.work.computing.patience", wait)
+        cluster.run(compile_now, True)
+        sweep(client=cluster)
+        cluster.run(compile_now, False)
+    assert seen == [(False, "2 workers with 2 threads; 2 wait until the kernel is compiled")]
 
 
 def busy(dask_worker):
@@ -356,7 +530,7 @@ class Complaining:
         for name in LOGS:
             logging.getLogger(name).error("Traceback (most recent call last):")
 
-    def run(self, function):
+    def run(self, function, on_error):
         return {"tcp://worker": function()}
 
 
@@ -396,8 +570,8 @@ class Endless(NamedTuple):
 
 
 def test_a_task_elsewhere_ends_when_its_asker_says_so(monkeypatch):
-    monkeypatch.setattr(scheduling, "prove", lambda: None)
-    run = partial(scheduling.run_elsewhere, Endless(), np.arange(3), 60.0, kernel_version())
+    monkeypatch.setattr(scheduling, "get_ready", lambda: None)
+    run = partial(scheduling.run_elsewhere, Endless(), np.arange(3), 60.0, scheduling.kernel_made_of())
     with ThreadPoolExecutor(2) as pool:
         mine, other = pool.submit(run, "mine"), pool.submit(run, "another's")
         scheduling.stop_elsewhere("mine")

@@ -182,7 +182,7 @@ def _(scene: Scene) -> str | None:
 
         versions.kernel_version = scheduling.kernel_version = lambda: "another"
 
-    return refused(scene, pretend, "has other sources of dimersweep")
+    return refused(scene, pretend, "has another kernel")
 
 
 @attack("cluster: a worker's compiled code is damaged")

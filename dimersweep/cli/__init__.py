@@ -15,7 +15,7 @@ from dimersweep.cli.drawing import explore, plot
 from dimersweep.cli.finding import attractors, later, lyapunov, orbits, power
 from dimersweep.cli.measuring import fit, waveform
 from dimersweep.cli.simulating import simulate
-from dimersweep.cli.sweeping import borders, merge, plan, presets, run, status
+from dimersweep.cli.sweeping import borders, merge, plan, presets, run, status, warm
 from dimersweep.errors import UserError, unknown
 
 INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
@@ -74,6 +74,7 @@ EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
         "waveform acc.csv --out plate.toml",
         "waveform acc.csv --t time --z ch1 --x ch2 --plot plate.png",
     ),
+    warm: ("warm",),
     attractors: ("attractors beta0=1deg:89deg xdot0=0.2:2 --e 0.8 --Gamma 1 --starts 100",),
 }
 for command, examples in EXAMPLES.items():

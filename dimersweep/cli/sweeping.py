@@ -50,6 +50,9 @@ def run(
     certify: Annotated[bool, option("Say how sure each mode is; about 2.5 times the time.", "--certify")] = False,
     carry: Carry = None,
     observe: Observe = None,
+    give_up_after: Annotated[
+        str | None, option("End when nothing has come back for so long, such as 30min.", metavar="TIME")
+    ] = None,
     part: Annotated[
         str | None, option("Run one part of the sweep, such as 3/20, for merge; it is not drawn.", metavar="K/N")
     ] = None,
@@ -89,6 +92,7 @@ def run(
             fail_fast=fail_fast,
             force=force,
             keep_tiles=keep_tiles,
+            give_up_after=give_up_after,
             part=part,
             progress=not tell.quiet,
         )
@@ -244,3 +248,13 @@ def borders(
         write_picture(draw_borders(table, under), drawn, force=force)
         seconds = table.attrs["wall_time_s"]
         tell(f"{out} and {drawn} in {seconds:.1f} s", table=str(out), picture=str(drawn), seconds=seconds)
+
+
+@telling
+def warm(tell: Printer) -> None:
+    """Compile the kernel, unless that was done before: for a job's prologue, or an image."""
+    from dimersweep.kernel import kernel_version
+    from dimersweep.work.computing import settle_way
+
+    settle_way(progress=not tell.quiet)
+    tell(f"kernel {kernel_version()}: is ready", kernel_version=kernel_version())

@@ -6,7 +6,6 @@ import os
 import struct
 import sys
 import threading
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -96,9 +95,6 @@ def locked(path: Path) -> Iterator[tuple[bytes, bool]]:
         _let_go(handle)
         handle, honest = _take(path)
     try:
-        if not honest:
-            message = "this file system has no locks; take care that no other sweep writes to the same output"
-            warnings.warn(message, RuntimeWarning, stacklevel=2)
         yield os.pread(handle, 100, 0), honest
     finally:
         _let_go(handle)

@@ -12,6 +12,7 @@ import os
 import socket
 import sqlite3
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, suppress
 from datetime import UTC, datetime
@@ -375,6 +376,9 @@ def _owned(make: Maker[AnyStore], path: Path) -> Iterator[AnyStore]:
         except BlockingIOError:
             who = holder(path)
             raise StoreError(f"{path}: a sweep is at work here ({who}); wait for it or stop it first") from None
+        if not honest:
+            message = "this file system has no locks; take care that no other sweep writes to the same output"
+            warnings.warn(message, RuntimeWarning, stacklevel=2)
         # what has our mark, or is too short for one, may be deleted, damaged or not
         short = len(head) < PLACE_OF_APPLICATION.stop and MAGIC.startswith(head[: len(MAGIC)])
         if not short and head[PLACE_OF_APPLICATION] != APPLICATION.to_bytes(4):

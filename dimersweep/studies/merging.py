@@ -37,13 +37,10 @@ def merge(
     parts : iterable of path-like
         Files that ``sweep(..., part=(k, n))`` has written, of all n parts, in any order.
     out : path-like, optional
-        NetCDF file to write the cube to.
+        NetCDF file to write the cube to; `force` lets it replace one that exists.
     finish : bool
-        Whether parts that are missing are made first, beside those that are given; one that was stopped goes on.
-    force : bool
-        Whether `out` may replace an existing file.
-    workers, client, progress
-        For the parts that are made, as in `sweep`.
+        Whether parts that are missing are made first, beside those that are given, with `workers`, `client` and `progress` as
+        in `sweep`; one that was stopped goes on.
 
     Returns
     -------
@@ -53,13 +50,9 @@ def merge(
 
     Raises
     ------
-    ParameterError
-        If `out` is a part, or no NetCDF file.
-    StoreError
+    ParameterError, StoreError
         If a file is no part, or is damaged; if parts are missing, given twice, or made otherwise than the first one; or if
-        `out` exists. Nothing is written then.
-    UnfinishedError, Stopped
-        With `finish`, as by `sweep`.
+        `out` is a part, exists, or is no NetCDF file. Nothing is written then. With `finish` as by `sweep`, too.
 
     Examples
     --------
@@ -77,21 +70,20 @@ def merge(
         check_output(out, force=force, endings=TABLES)
         for path in paths:
             refuse_input(Path(out), path)
-    merging = _Merging(paths[0])
+    first, there = paths[0], dict[int, Path]()
+    cube = open_cube(first)
     for path in paths:
-        merging.take(path)
-    for part, name in merging.lacking() if finish else ():
-        attrs = {key: value for key, value in merging.cube.attrs.items() if key not in OURS}
-        study, number = from_cube(paths[0]).study(), (part.number, part.total)
-        make_cube(study, out=name, part=number, attrs=attrs, workers=workers, client=client, progress=progress)
-        merging.take(part.file(name))
-    if lacking := merging.lacking():
-        begun = [" (begun)" if tiles_of(part.file(name)).exists() else "" for part, name in lacking]
-        told = ", ".join(f"{part}{more}" for (part, _), more in zip(lacking, begun, strict=True))
-        raise StoreError(
-            f"{paths[0]}: these parts are missing: {told}; make them, or have them made here (finish=True)"
-        )
-    cube = merging.cube
+        _take(cube, path, there, first)
+    own = _part_of(cube, first)
+    whole = first.with_name(first.name.replace(f".part-{own.number}-of-{own.total}", "", 1))
+    lacking = [Part(number, own.total) for number in range(1, own.total + 1) if number not in there]
+    for part in lacking if finish else ():
+        attrs, study = {key: value for key, value in cube.attrs.items() if key not in OURS}, from_cube(first).study()
+        make_cube(study, out=whole, part=str(part), attrs=attrs, workers=workers, client=client, progress=progress)
+        _take(cube, part.file(whole), there, first)
+    if lacking and not finish:
+        told = ", ".join(f"{part}{' (begun)' * tiles_of(part.file(whole)).exists()}" for part in lacking)
+        raise StoreError(f"{first}: these parts are missing: {told}; make them, or have them made here (finish=True)")
     cube.attrs |= configured(_settings(cube))
     del cube.attrs[CHECKSUM]
     cube.attrs[CHECKSUM] = checksum_of(cube)
@@ -100,47 +92,27 @@ def merge(
     return cube
 
 
-class _Merging:
-    """Parts put together: `cube` has the points of those that are `there`."""
-
-    def __init__(self, first: Path) -> None:
-        self.first, self.cube = first, open_cube(first)
-        self.part = _part_of(self.cube, first)
-        self.there: dict[int, Path] = {}
-
-    def take(self, path: Path) -> None:
-        """Take over the points of a part.
-
-        Raises
-        ------
-        StoreError
-            If it does not go with those that are there.
-        """
-        cube = open_cube(path)
-        part, both = _part_of(cube, path), f"{self.first} and {path}"
-        if part.total != self.part.total:
-            raise StoreError(f"{both}: are parts of {self.part.total} and of {part.total}")
-        if changes := differences(_settings(self.cube), _settings(cube)):
-            raise StoreError(f"{both}: are parts of different sweeps ({'; '.join(changes)})")
-        if part.number in self.there:
-            raise StoreError(f"{self.there[part.number]} and {path}: are the same part, {part}")
-        self.there[part.number] = path
-        ours, shape = self.cube.attrs, cube["mode"].shape
-        line = shape[-1] if "direction" in cube.dims else 1  # as of `Grid`
-        points = np.concatenate([np.arange(*tile) for tile in part.ranges(cube["mode"].size, line)])
-        where = np.unravel_index(points, shape)
-        for name, variable in cube.data_vars.items():
-            if variable.shape[: len(shape)] == shape:
-                self.cube[name].values[where] = variable.values[where]
-        if len(self.there) > 1:
-            ours["kernel_time_s"] += cube.attrs["kernel_time_s"]
-            ours["wall_time_s"] = max(ours["wall_time_s"], cube.attrs["wall_time_s"])
-
-    def lacking(self) -> list[tuple[Part, Path]]:
-        """Return the parts that are missing, and the cube that each is made for, beside the first one that was given."""
-        whole = self.first.with_name(self.first.name.replace(f".{self.part.word}", "", 1))
-        numbers = sorted({*range(1, self.part.total + 1)} - {*self.there})
-        return [(Part(number, self.part.total), whole) for number in numbers]
+def _take(cube: xr.Dataset, path: Path, there: dict[int, Path], first: Path) -> None:
+    """Put the points of one more part into a cube, that of the `first` one, if it goes with those that are there."""
+    other = open_cube(path)
+    own, part, both = _part_of(cube, first), _part_of(other, path), f"{first} and {path}"
+    if part.total != own.total:
+        raise StoreError(f"{both}: are parts of {own.total} and of {part.total}")
+    if changes := differences(_settings(cube), _settings(other)):
+        raise StoreError(f"{both}: are parts of different sweeps ({'; '.join(changes)})")
+    if part.number in there:
+        raise StoreError(f"{there[part.number]} and {path}: are the same part, {part}")
+    shape = cube["mode"].shape
+    line = shape[-1] if "direction" in cube.dims else 1  # as of `Grid`
+    points = np.concatenate([np.arange(*tile) for tile in part.ranges(cube["mode"].size, line)])
+    where = np.unravel_index(points, shape)
+    for name, variable in other.data_vars.items():
+        if variable.shape[: len(shape)] == shape:
+            cube[name].values[where] = variable.values[where]
+    if there:
+        cube.attrs["kernel_time_s"] += other.attrs["kernel_time_s"]
+        cube.attrs["wall_time_s"] = max(cube.attrs["wall_time_s"], other.attrs["wall_time_s"])
+    there[part.number] = path
 
 
 def _part_of(cube: xr.Dataset, path: Path) -> Part:

@@ -130,13 +130,7 @@ class Study:
         return settings | ({} if self.part is None else {PART: str(self.part)})
 
     def cut(self, part: Part) -> Self:
-        """Return this study with the points of a part alone.
-
-        Raises
-        ------
-        ParameterError
-            If there are fewer points, or lines of them, than parts; or if it cannot be cut.
-        """
+        """Return this study with the points of a part alone; raise a ParameterError if it cannot be cut into so many."""
         pieces, unit = self.size // self.line, "points" if self.line == 1 else "lines"
         if part.total > pieces:
             raise ParameterError(f"part = {part}: this sweep has {pieces} {unit}, and so at most {pieces} parts")

@@ -132,6 +132,9 @@ def sweep(
         Whether to stop at the first point that fails; what was finished is kept.
     keep_tiles : bool
         Whether the store of finished points stays when the cube is written.
+    give_up_after : float or str, optional
+        Time after which a sweep ends to which no worker has given a result [s], or such as ``"30 min"``; it never gives up by
+        default.
     part : str or pair of int, optional
         ``"3/20"``, or ``(3, 20)``: run every 20th tile alone, beginning with the 3rd, and write the cube of these points to
         `out` with ``.part-3-of-20`` before its ending. `merge` makes one cube of all parts.

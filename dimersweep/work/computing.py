@@ -11,10 +11,12 @@ from dimersweep.errors import PointError, Stopped, StoreError, UnfinishedError
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.options import Options
 from dimersweep.work.progress import Tally, report_compiling, watch
-from dimersweep.work.proving import is_proven, prove
+from dimersweep.work.proving import is_proven
 from dimersweep.work.scheduling import Pace, Pool, cluster, connected, run_tasks, threads
 from dimersweep.work.stopping import StopFlag, stop_on_signals, stoppable
 from dimersweep.work.tiles import Work
+from dimersweep.work.waiting import patience
+from dimersweep.work.warming import get_ready
 
 ALIKE = 10  # tasks that break off in a row for the same reason: then it is not for the points
 
@@ -97,28 +99,28 @@ class Crew(ExitStack):
             self._pool = self._hire(wanted)
         self._shown.expect(wanted)
         left = sum(stop - start for start, stop in missing)
-        pace = Pace(left, self._pool.workers)
+        pace = Pace(left, self._pool.workers, self._pool.demand)
         failures: list[tuple[int, str]] = []  # points, and why they have failed
         troubles: list[Trouble] = []
         alike = 0  # of them, in a row
-
         try:
-            for points, made in run_tasks(self._pool, work, missing, pace, self._stop):
-                codes = made.results["codes"]
-                left -= len(codes)
-                for piece in pieces(points[: len(codes)], made.results, made.seconds):
-                    self.store.add(piece)
-                if len(codes):
-                    self._shown.add(tally(codes), made.seconds)
-                    alike = 0
-                if made.broken:
-                    troubles.append(Trouble(int(points[len(codes)]), made.broken, made.reason))
-                    alike = alike + 1 if troubles[-1].sort == troubles[-2:][0].sort else 1
-                if self.options.fail_fast and not_ok(codes).any():
-                    row = int(not_ok(codes).argmax())
-                    failures.append((int(points[row]), why_failed(made.results[row])))
-                if failures or alike >= ALIKE or (troubles and self.options.fail_fast):
-                    self._stop.set()
+            with patience(self._shown, self._pool, self._stop, self.options.give_up_after, show=self.options.progress):
+                for points, made in run_tasks(self._pool, work, missing, pace, self._stop):
+                    codes = made.results["codes"]
+                    left -= len(codes)
+                    for piece in pieces(points[: len(codes)], made.results, made.seconds):
+                        self.store.add(piece)
+                    if len(codes):
+                        self._shown.add(tally(codes), made.seconds)
+                        alike = 0
+                    if made.broken:
+                        troubles.append(Trouble(int(points[len(codes)]), made.broken, made.reason))
+                        alike = alike + 1 if troubles[-1].sort == troubles[-2:][0].sort else 1
+                    if self.options.fail_fast and not_ok(codes).any():
+                        row = int(not_ok(codes).argmax())
+                        failures.append((int(points[row]), why_failed(made.results[row])))
+                    if failures or alike >= ALIKE or (troubles and self.options.fail_fast):
+                        self._stop.set()
         except StoreError:  # of a disk that has refused, and would refuse once more
             raise
         except BaseException:
@@ -131,6 +133,8 @@ class Crew(ExitStack):
         if troubles and not self._stop.signal:
             stopped = "; the sweep was stopped, as these came in a row" if alike >= ALIKE else ""
             raise UnfinishedError(f"{words_for(troubles, work.grid)}{stopped}; {self.store.kept}")
+        if self._stop.given_up and left:
+            raise UnfinishedError(f"given up: {self._stop.given_up}; {self.store.kept}")
         if left:
             raise Stopped(self.store.kept, self._stop.signal)
 
@@ -152,4 +156,4 @@ def settle_way(*, progress: bool) -> None:
         return
     if progress:
         report_compiling()
-    stoppable(lambda _: prove(), kept="nothing was begun")
+    stoppable(lambda _: get_ready(), kept="nothing was begun")

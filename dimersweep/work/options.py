@@ -9,7 +9,7 @@ from typing import Any, TypedDict, Unpack
 
 from dask.system import CPU_COUNT
 
-from dimersweep.inputs import check_count
+from dimersweep.inputs import check_count, check_seconds
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.parts import Part
@@ -31,6 +31,7 @@ class Given(TypedDict, total=False):
     fail_fast: bool
     keep_tiles: bool
     part: str | tuple[int, int] | None
+    give_up_after: float | str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +49,7 @@ class Options:
     extend: str | os.PathLike[str] | None = None
     retry: bool = False
     part: Part | None = None
+    give_up_after: float | None = None  # [s]
 
 
 def with_options(function: Any, like: Any = None) -> Signature:
@@ -87,6 +89,7 @@ def make_options(**given: Unpack[Given]) -> Options:
         "workers": CPU_COUNT if workers is None else check_count("workers", workers, MAX_WORKERS),
         "out": None if out is None else Path(out),
         "attrs": check_attrs(given.get("attrs")),
+        "give_up_after": check_seconds(given.get("give_up_after"), "give_up_after"),
         "part": None if part is None else Part.of(part),
     }
     return Options(**checked)

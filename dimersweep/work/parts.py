@@ -20,31 +20,20 @@ class Part(NamedTuple):
 
     @classmethod
     def of(cls, given: Any) -> Self:
-        """Return the part that ``"3/20"``, or ``(3, 20)``, asks for.
-
-        Raises
-        ------
-        ParameterError
-            If that is no part.
-        """
-        text = given if isinstance(given, str) else "/".join(map(str, given)) if isinstance(given, tuple | list) else ""
+        """Return the part that ``"3/20"``, or ``(3, 20)``, asks for; raise a ParameterError if that is none."""
+        text = "/".join(map(str, given)) if isinstance(given, tuple | list) else str(given)
         found = re.fullmatch(r"\s*([0-9]{1,5})\s*/\s*([0-9]{1,5})\s*", text)
-        part = cls(*map(int, found.groups())) if found else None
-        if part is None or not 1 <= part.number <= part.total <= MOST_PARTS:
+        part = cls(*map(int, found.groups())) if found else cls(0, 0)
+        if not 1 <= part.number <= part.total <= MOST_PARTS:
             raise ParameterError(f"part = {given!r}: must be k/n with 1 <= k <= n <= {MOST_PARTS}, such as 3/20")
         return part
 
     def __str__(self) -> str:
         return f"{self.number}/{self.total}"
 
-    @property
-    def word(self) -> str:
-        """Its mark in the names of files."""
-        return f"part-{self.number}-of-{self.total}"
-
     def file(self, out: Path) -> Path:
         """Return the file of this part of the cube `out`."""
-        return out.with_name(f"{out.stem}.{self.word}{out.suffix}")
+        return out.with_name(f"{out.stem}.part-{self.number}-of-{self.total}{out.suffix}")
 
     def ranges(self, size: int, line: int = 1) -> list[Tile]:
         """Return its tiles of `size` points, in order: one in each round of all parts, and whole lines of so many points.

@@ -2,14 +2,17 @@
 
 import logging
 import os
+import platform
 import socket
 import threading
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor, wait
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from functools import cache
+from importlib import metadata
 from math import ceil
 from queue import Empty, SimpleQueue
 from typing import Any, NamedTuple
@@ -17,14 +20,22 @@ from uuid import uuid4
 
 import numpy as np
 
-from dimersweep.cubes.results import Tile, blank_results, chunks
+from dimersweep.cubes.results import Tile, blank_results, chunks, ranges_of
 from dimersweep.errors import KernelError, ParameterError, UserError, one_line
+from dimersweep.faces import __version__
 from dimersweep.kernel import kernel_version
-from dimersweep.work.proving import prove
+from dimersweep.work.progress import report_compiling
+from dimersweep.work.proving import is_proven
 from dimersweep.work.stopping import POLL, StopFlag
 from dimersweep.work.tiles import TILE_SECONDS, Made, Work, attempt
+from dimersweep.work.waiting import MEMORY, lacks, words_for
+from dimersweep.work.warming import get_ready, is_compiling
 
 IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
+# tasks that a cluster is shown, however few workers it has: an adaptive one asks for as many threads as there are 5 s of work,
+# or ten tasks, and these are enough for 400 threads at once
+DEMAND = 4096
+FIRST = 128  # of them before one has come back: of a point each, which dask takes for half a second
 TASK_GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
 CONNECT_SECONDS = 10.0  # to find a scheduler
 ANSWER_SECONDS = 2.0  # that workers have to answer what they are asked: their loop is free while they compute
@@ -35,18 +46,23 @@ TASK_POINTS = 1 << 18  # points of a task, however quick they are: its results t
 TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 TASK_SECONDS = 0.004  # that a task costs driver and scheduler at most: tasks are long enough for so many workers
 
+KERNEL = "kernel version"
 LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
 
 
 class Pool(NamedTuple):
     """Where work is done: ``submit(work, points, seconds)`` gives a future of a `Made`; ``workers()`` counts threads.
 
-    ``stop()`` has tasks end that do not see the flag of this process.
+    ``stop()`` has tasks end that do not see the flag of this process; ``lacks()`` tells whether workers are missing, and
+    ``words()`` who is there; and `demand` is how many tasks it may be given ahead.
     """
 
     submit: Callable[[Work, np.ndarray, float], "Future[Made]"]
     workers: Callable[[], int]
     stop: Callable[[], None] = lambda: None
+    lacks: Callable[[], bool] = lambda: False
+    words: Callable[[], str] = lambda: "all threads are at work"
+    demand: int = 0
 
 
 def tile_seconds(workers: int) -> float:
@@ -63,11 +79,13 @@ class Pace:
         Points to run: each worker is to get a few tasks of them.
     workers : callable
         How many run at a time; they may come and go.
+    demand : int
+        See `Pool`.
     """
 
-    def __init__(self, size: int, workers: Callable[[], int]) -> None:
-        self.size, self.workers = size, workers
-        self.length, self.seen = 1, 0
+    def __init__(self, size: int, workers: Callable[[], int], demand: int = 0) -> None:
+        self.size, self.workers, self.demand = size, workers, demand
+        self.length, self.seen, self.is_known = 1, 0, False
 
     @property
     def seconds(self) -> float:
@@ -76,8 +94,9 @@ class Pace:
 
     @property
     def in_flight(self) -> int:
-        """How many tasks may be under way: as long as nothing is known of their time, no more than there are workers."""
-        return (IN_FLIGHT if self.seen else 1) * max(1, self.workers())
+        """How many tasks may be under way: as long as nothing is known of their time, few of them."""
+        ahead = self.demand if self.is_known else min(FIRST, self.demand)
+        return max(ahead, (IN_FLIGHT if self.seen else 1) * max(1, self.workers()))
 
     def note(self, points: int, seconds: float) -> None:
         """Learn from what a task has done: so many points in so much time [s]."""
@@ -86,7 +105,8 @@ class Pace:
         self.seen += points
         aim = int(self.seconds * points / max(seconds, 1e-6))
         longest = ceil(self.size / (TILES_PER_WORKER * max(1, self.workers())))
-        self.length = max(1, min(aim, TASK_GROWTH * self.seen, longest, TASK_POINTS))
+        length = min(aim, longest, TASK_POINTS)
+        self.length, self.is_known = max(1, min(length, TASK_GROWTH * self.seen)), length <= TASK_GROWTH * self.seen
 
 
 @contextmanager
@@ -111,8 +131,10 @@ def stop_elsewhere(asker: str) -> None:
     _flags.setdefault(asker, StopFlag()).set()
 
 
-def run_elsewhere(work: Work, points: np.ndarray, seconds: float, version: str, asker: str) -> Made:
+def run_elsewhere(work: Work, points: np.ndarray, seconds: float, made_of: Mapping[str, str], asker: str) -> Made:
     """Run points in a worker process, if that has the same kernel as the process that asks, and it works there.
+
+    `made_of` is that process's `kernel_made_of`.
 
     Raises
     ------
@@ -121,19 +143,38 @@ def run_elsewhere(work: Work, points: np.ndarray, seconds: float, version: str, 
     KernelError
         If it cannot run there, or gives wrong numbers.
     """
+    who = f"worker process {os.getpid()} on {socket.gethostname()}"
+    refuse_others(who, made_of)  # before minutes go by
+    if not is_proven():
+        report_compiling()
     try:
-        prove()
+        get_ready()
         work.check_here()
     except (KernelError, ParameterError) as error:
-        where = f"scheduler: worker process {os.getpid()} on {socket.gethostname()}"
-        raise type(error)(f"{where}: {error}") from None
-    if kernel_version() != version:
-        raise ParameterError(_other_kernel("a worker"))
+        raise type(error)(f"scheduler: {who}: {error}") from None
     return attempt(work, points, _flags.setdefault(asker, StopFlag()), seconds)
 
 
-def _other_kernel(who: str) -> str:
-    return f"scheduler: {who} has other sources of dimersweep than this process; give all the same version of it"
+@cache
+def _packages() -> dict[str, str]:
+    told = {name: metadata.version(name) for name in ("numba", "llvmlite", "numpy")}
+    return {"dimersweep": __version__, "Python": platform.python_version()} | told
+
+
+def kernel_made_of() -> dict[str, str]:
+    """Return the version of the kernel here, and of each package that it is made with."""
+    return {KERNEL: kernel_version()} | _packages()
+
+
+def refuse_others(who: str, asked: Mapping[str, str]) -> None:
+    """Raise a ParameterError if the kernel of this process, `who`, has other sources than the one that is asked for.
+
+    The line names every package that differs, as the sources of one that is installed may have come with another.
+    """
+    here = kernel_made_of()
+    if here[KERNEL] != asked[KERNEL]:
+        other = "; ".join(f"{name} {value} here, {here[name]} there" for name, value in asked.items() if value != here[name])
+        raise ParameterError(f"scheduler: {who} has another kernel ({other}); give all the same version of dimersweep")
 
 
 @contextmanager
@@ -143,10 +184,9 @@ def connected(client: Any) -> Iterator[Any]:
     Raises
     ------
     ParameterError
-        If there is no scheduler at that address, or one of its workers has another kernel or none.
+        If there is no scheduler at that address.
     """
     if not isinstance(client, str):
-        _check_kernels(client)
         yield client
         return
     from distributed import Client
@@ -156,7 +196,6 @@ def connected(client: Any) -> Iterator[Any]:
     except (OSError, ValueError, ImportError) as error:
         raise ParameterError(f"scheduler = {client}: cannot be reached ({error})") from None
     with _quiet(), made:
-        _check_kernels(made)
         yield made
 
 
@@ -174,48 +213,56 @@ def _quiet() -> Iterator[None]:
             log.setLevel(level)
 
 
-def _check_kernels(client: Any) -> None:
-    try:
-        versions = client.run(kernel_version)
-    except Exception as error:  # whatever a worker raised: it cannot run the kernel
-        raise ParameterError(f"scheduler: a worker cannot use dimersweep ({type(error).__name__}: {error})") from None
-    for worker, version in versions.items():
-        if version != kernel_version():
-            raise ParameterError(_other_kernel(f"worker {worker}"))
-
-
 @contextmanager
 def cluster(client: Any) -> Iterator[Pool]:
     """The workers of a dask.distributed client."""
-    executor: Executor = client.get_executor(pure=False)
-    counted, count, asker = -COUNT_SECONDS, 0, uuid4().hex
+    executor: Any = client.get_executor(pure=False)
+    counted, asker = -COUNT_SECONDS, uuid4().hex
+    there: dict[str, int] = {}
+    left: list[bool] = []  # of each worker that is gone, whether it was told to
+    flying: set[Future[Made]] = set()
 
     def workers() -> int:
-        nonlocal counted, count
+        nonlocal counted, there
         if time.monotonic() - counted > COUNT_SECONDS:
             with _connection():
-                counted, count = time.monotonic(), sum(client.nthreads().values())
-        return count
+                counted, there = time.monotonic(), client.nthreads()
+        return sum(there.values())
+
+    def note(event: tuple[float, Any]) -> None:
+        if isinstance(event[1], dict) and event[1].get("action") == "remove-worker":
+            left.append(bool(event[1].get("expected")))
+
+    def words() -> str:
+        compiling = list(ask_workers(client, is_compiling).values()).count(True)
+        return words_for(client, there, left, compiling)
 
     def submit(work: Work, points: np.ndarray, seconds: float) -> "Future[Made]":
-        # the task carries its points along: data scattered beforehand could die with a worker
+        # The task carries its points along: data scattered beforehand could die with a worker. What waits behind others of
+        # ours lets those of another driver pass.
+        given = *work.narrowed(points), seconds, kernel_made_of(), asker
         with _connection():
-            return executor.submit(run_elsewhere, *work.narrowed(points), seconds, kernel_version(), asker)
+            future: Future[Made] = executor.submit(run_elsewhere, *given, priority=-len(flying))
+        flying.add(future)
+        future.add_done_callback(flying.discard)
+        return future
 
     def stop() -> None:
-        why = next((each for each in ask_workers(client, stop_elsewhere, asker).values() if each is not None), None)
-        if why is not None:
-            told = f"scheduler: not every worker could be told to stop ({type(why).__name__}: {one_line(why)})"
-            warnings.warn(told, RuntimeWarning, stacklevel=2)
+        for error in ask_workers(client, stop_elsewhere, asker).values():
+            if error is not None and not isinstance(error, OSError):  # of one that has left
+                why = f"{type(error).__name__}: {one_line(error)}"
+                warnings.warn(f"scheduler: a worker could not be told to stop ({why})", RuntimeWarning, stacklevel=2)
 
+    client.subscribe_topic("all", note)
     try:
-        yield Pool(submit, workers, stop)
+        yield Pool(submit, workers, stop, lambda: lacks(client, there), words, DEMAND)
     except BaseException:
         stop()
         raise
     finally:
         with suppress(Exception):  # of a connection that is lost, for which distributed has no common class
             executor.shutdown(wait=False)
+            client.unsubscribe_topic("all")
 
 
 def ask_workers(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
@@ -261,7 +308,8 @@ def outcome(future: "Future[Made]", points: int) -> Made:
     except UserError:
         raise
     except Exception as error:  # of the machinery: `attempt` catches those of the kernel
-        return Made(blank_results(0), broken=points, reason=f"{type(error).__name__}: {error}")
+        hint = f" {MEMORY}" if type(error).__name__ == "KilledWorker" else ""
+        return Made(blank_results(0), broken=points, reason=f"{type(error).__name__}: {error}{hint}")
 
 
 def run_tasks(
@@ -284,7 +332,7 @@ def run_tasks(
     undone: deque[np.ndarray] = deque()
     tasks = chunks(missing, lambda: pace.length, work.line)
     while not stop.is_set():
-        while len(running) < pace.in_flight:
+        while len(running) < pace.in_flight and (done.empty() or len(running) < IN_FLIGHT * pool.workers()):
             task = undone.popleft() if undone else next(tasks, None)
             if task is None:
                 break
@@ -301,8 +349,7 @@ def run_tasks(
         made = outcome(future, task.size)
         pace.note(len(made.results), made.seconds)
         left = task[len(made.results) + made.broken :]
-        if left.size:
-            undone.append(left)
+        undone.extend(chunks(ranges_of(left), lambda: pace.length, work.line))  # it may be far too much for one
         yield task, made
     pool.stop()
     for future in wait(running, timeout=TASK_GRACE).done:

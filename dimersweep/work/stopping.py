@@ -22,6 +22,7 @@ class StopFlag(threading.Event):
     """Set when work is to stop: what runs on its spaces ends too. `signal` is the number of the signal that asked, or 0."""
 
     signal = 0
+    given_up = ""  # what was waited for in vain
 
     def __init__(self) -> None:
         super().__init__()
