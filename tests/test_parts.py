@@ -13,7 +13,7 @@ from dimersweep import merge, open_cube
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.storage.provenance import CHECKSUM
 from dimersweep.storage.store import looked_at
-from dimersweep.work.parts import TILES, Part
+from dimersweep.work.parts import TILES, SweepPart
 from tests.own_observers import spectral
 from tests.seams import another_version
 
@@ -40,13 +40,13 @@ def make_parts(total, numbers=None, **how):
     how = {"out": "cube.nc"} | how
     for number in numbers or range(1, total + 1):
         sweep(GRID, part=(number, total), **how)
-    return [Part(number, total).file(Path(how["out"])) for number in numbers or range(1, total + 1)]
+    return [SweepPart(number, total).file(Path(how["out"])) for number in numbers or range(1, total + 1)]
 
 
 @given(st.integers(1, 400), st.integers(1, 5), st.data())
 def test_each_point_is_in_one_part(pieces, line, data):
     total = data.draw(st.integers(1, pieces))
-    ranges = [Part(number, total).ranges(pieces * line, line) for number in range(1, total + 1)]
+    ranges = [SweepPart(number, total).ranges(pieces * line, line) for number in range(1, total + 1)]
     points = [point for each in ranges for tile in each for point in range(*tile)]
     assert sorted(points) == list(range(pieces * line))
     assert all(each == sorted(each) and 0 < len(each) <= TILES for each in ranges)
@@ -56,7 +56,7 @@ def test_each_point_is_in_one_part(pieces, line, data):
 def test_parts_have_points_from_all_columns_of_a_grid():
     """Though the tiles of its rows are a multiple of the parts."""
     for number in range(1, 17):
-        columns = [tile.start % 128 for tile in Part(number, 16).ranges(128 * 128)]
+        columns = [tile.start % 128 for tile in SweepPart(number, 16).ranges(128 * 128)]
         assert len(set(columns)) == 8
 
 

@@ -242,7 +242,7 @@ def test_workers_with_another_kernel_are_refused(cluster, numba):
 def test_a_worker_that_comes_later_is_compared_before_it_compiles(monkeypatch):
     monkeypatch.setattr(scheduling, "is_proven", lambda: False)
     monkeypatch.setattr(scheduling, "get_ready", lambda: pytest.fail("it was compiled"))
-    others = scheduling.kernel_made_of() | {scheduling.KERNEL: "another", "Python": "3.10.1"}
+    others = scheduling.kernel_made_of() | {scheduling.KERNEL_NAME: "another", "Python": "3.10.1"}
     with pytest.raises(ParameterError, match=r"; Python 3.10.1 here, 3\.\d+\.\d+ there\); give all the same"):
         scheduling.run_elsewhere(Endless(), np.arange(3), 60.0, others, "asker")
 

@@ -64,10 +64,10 @@ def run(
     declared = _declared(declaration, source, out, other_kernel=other_kernel)
     from dimersweep.storage.outputs import check_output
     from dimersweep.storage.tilestore import tiles_of
-    from dimersweep.work.parts import Part
+    from dimersweep.work.parts import SweepPart
 
     whole_file = out or Path(declared.sweep.output)
-    cube_file, plot = (whole_file, plot) if part is None else (Part.of(part).file(whole_file), False)
+    cube_file, plot = (whole_file, plot) if part is None else (SweepPart.of(part).file(whole_file), False)
     check_output(cube_file, force=True)  # a cube that is there already is checked where it can be read
     picture, forced = cube_file.with_suffix(".png"), force or retry
     with interruptible(

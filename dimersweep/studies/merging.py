@@ -17,7 +17,7 @@ from dimersweep.storage.provenance import CHECKSUM, OURS, PART, configured, diff
 from dimersweep.storage.tilestore import tiles_of
 from dimersweep.studies.declared import from_cube
 from dimersweep.studies.making import make_cube
-from dimersweep.work.parts import Part
+from dimersweep.work.parts import SweepPart
 
 
 def merge(
@@ -76,7 +76,7 @@ def merge(
         _take(cube, path, there, first)
     own = _part_of(cube, first)
     whole = first.with_name(first.name.replace(f".part-{own.number}-of-{own.total}", "", 1))
-    lacking = [Part(number, own.total) for number in range(1, own.total + 1) if number not in there]
+    lacking = [SweepPart(number, own.total) for number in range(1, own.total + 1) if number not in there]
     for part in lacking if finish else ():
         attrs, study = {key: value for key, value in cube.attrs.items() if key not in OURS}, from_cube(first).study()
         make_cube(study, out=whole, part=str(part), attrs=attrs, workers=workers, client=client, progress=progress)
@@ -115,11 +115,11 @@ def _take(cube: xr.Dataset, path: Path, there: dict[int, Path], first: Path) -> 
     there[part.number] = path
 
 
-def _part_of(cube: xr.Dataset, path: Path) -> Part:
+def _part_of(cube: xr.Dataset, path: Path) -> SweepPart:
     told = json.loads(cube.attrs["configuration"]).get(PART)
     if told is None:
         raise StoreError(f"{path}: is no part of a sweep, but a whole cube")
-    return Part.of(told)
+    return SweepPart.of(told)
 
 
 def _settings(cube: xr.Dataset) -> dict[str, Any]:

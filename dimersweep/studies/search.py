@@ -24,7 +24,7 @@ from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Batch, Sample, Study
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.options import Given, with_options
-from dimersweep.work.parts import Part
+from dimersweep.work.parts import SweepPart
 
 REGIONS = FLAGS["region"]
 MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for
@@ -119,7 +119,7 @@ class Search(Study):
             near = {point: beside for point, beside in wave.items() if legal[point]}
             yield self.led(near, results(), reached, int(legal.sum()))
 
-    def cut(self, part: Part) -> Self:
+    def cut(self, part: SweepPart) -> Self:
         """Refuse to be cut, see `Study`: what is tried first at a point depends on its neighbours."""
         raise ParameterError(f"part = {part}: is for sweeps; the points of a search and of a map lead one another")
 

@@ -17,7 +17,7 @@ from dimersweep.runs.carrying import carried
 from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently
 from dimersweep.storage.provenance import PART
 from dimersweep.studies.observers import Observer, Ran, needs_of
-from dimersweep.work.parts import Part
+from dimersweep.work.parts import SweepPart
 
 MOST_PARTS = 200  # that are timed
 MOST_OF_LINE = 20  # values of a line that are timed
@@ -74,14 +74,14 @@ class Study:
         How long each point is run, and how accurately.
     observers : tuple of Observer
         What is known of each point besides the numbers of its run.
-    part : Part, optional
+    part : SweepPart, optional
         The points that are run, where that is not all of them; the others stay without a result.
     """
 
     grid: Grid
     how: RunSettings
     observers: tuple[Observer, ...] = ()
-    part: Part | None = None
+    part: SweepPart | None = None
 
     own_fields: ClassVar[tuple[Field, ...]] = ()  # of a result, that become variables in another way than others do
 
@@ -129,7 +129,7 @@ class Study:
             settings |= observer.settings()
         return settings | ({} if self.part is None else {PART: str(self.part)})
 
-    def cut(self, part: Part) -> Self:
+    def cut(self, part: SweepPart) -> Self:
         """Return this study with the points of a part alone; raise a ParameterError if it cannot be cut into so many."""
         pieces, unit = self.size // self.line, "points" if self.line == 1 else "lines"
         if part.total > pieces:

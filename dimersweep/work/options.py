@@ -12,7 +12,7 @@ from dask.system import CPU_COUNT
 from dimersweep.inputs import check_count, check_seconds
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.symbols import PARAMETERS
-from dimersweep.work.parts import Part
+from dimersweep.work.parts import SweepPart
 
 MAX_WORKERS = 4096  # threads
 
@@ -48,7 +48,7 @@ class Options:
     attrs: Mapping[str, Any] = field(default_factory=dict)
     extend: str | os.PathLike[str] | None = None
     retry: bool = False
-    part: Part | None = None
+    part: SweepPart | None = None
     give_up_after: float | None = None  # [s]
 
 
@@ -90,6 +90,6 @@ def make_options(**given: Unpack[Given]) -> Options:
         "out": None if out is None else Path(out),
         "attrs": check_attrs(given.get("attrs")),
         "give_up_after": check_seconds(given.get("give_up_after"), "give_up_after"),
-        "part": None if part is None else Part.of(part),
+        "part": None if part is None else SweepPart.of(part),
     }
     return Options(**checked)

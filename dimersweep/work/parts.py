@@ -9,10 +9,10 @@ from dimersweep.cubes.results import Tile
 from dimersweep.errors import ParameterError
 
 TILES = 64  # of a part at most: the points of all parts are spread alike over the grid, and a store has few rows
-MOST_PARTS = 10_000
+PARTS_AT_MOST = 10_000
 
 
-class Part(NamedTuple):
+class SweepPart(NamedTuple):
     """The part `number` of `total`, which are counted from 1."""
 
     number: int
@@ -24,8 +24,8 @@ class Part(NamedTuple):
         text = "/".join(map(str, given)) if isinstance(given, tuple | list) else str(given)
         found = re.fullmatch(r"\s*([0-9]{1,5})\s*/\s*([0-9]{1,5})\s*", text)
         part = cls(*map(int, found.groups())) if found else cls(0, 0)
-        if not 1 <= part.number <= part.total <= MOST_PARTS:
-            raise ParameterError(f"part = {given!r}: must be k/n with 1 <= k <= n <= {MOST_PARTS}, such as 3/20")
+        if not 1 <= part.number <= part.total <= PARTS_AT_MOST:
+            raise ParameterError(f"part = {given!r}: must be k/n with 1 <= k <= n <= {PARTS_AT_MOST}, such as 3/20")
         return part
 
     def __str__(self) -> str:

@@ -35,7 +35,7 @@ IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idl
 # tasks that a cluster is shown, however few workers it has: an adaptive one asks for as many threads as there are 5 s of work,
 # or ten tasks, and these are enough for 400 threads at once
 DEMAND = 4096
-FIRST = 128  # of them before one has come back: of a point each, which dask takes for half a second
+FIRST_SHOWN = 128  # of them before one has come back: of a point each, which dask takes for half a second
 TASK_GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
 CONNECT_SECONDS = 10.0  # to find a scheduler
 ANSWER_SECONDS = 2.0  # that workers have to answer what they are asked: their loop is free while they compute
@@ -46,7 +46,7 @@ TASK_POINTS = 1 << 18  # points of a task, however quick they are: its results t
 TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 TASK_SECONDS = 0.004  # that a task costs driver and scheduler at most: tasks are long enough for so many workers
 
-KERNEL = "kernel version"
+KERNEL_NAME = "kernel version"
 LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
 
 
@@ -95,7 +95,7 @@ class Pace:
     @property
     def in_flight(self) -> int:
         """How many tasks may be under way: as long as nothing is known of their time, few of them."""
-        ahead = self.demand if self.is_known else min(FIRST, self.demand)
+        ahead = self.demand if self.is_known else min(FIRST_SHOWN, self.demand)
         return max(ahead, (IN_FLIGHT if self.seen else 1) * max(1, self.workers()))
 
     def note(self, points: int, seconds: float) -> None:
@@ -163,7 +163,7 @@ def _packages() -> dict[str, str]:
 
 def kernel_made_of() -> dict[str, str]:
     """Return the version of the kernel here, and of each package that it is made with."""
-    return {KERNEL: kernel_version()} | _packages()
+    return {KERNEL_NAME: kernel_version()} | _packages()
 
 
 def refuse_others(who: str, asked: Mapping[str, str]) -> None:
@@ -172,8 +172,10 @@ def refuse_others(who: str, asked: Mapping[str, str]) -> None:
     The line names every package that differs, as the sources of one that is installed may have come with another.
     """
     here = kernel_made_of()
-    if here[KERNEL] != asked[KERNEL]:
-        other = "; ".join(f"{name} {value} here, {here[name]} there" for name, value in asked.items() if value != here[name])
+    if here[KERNEL_NAME] != asked[KERNEL_NAME]:
+        other = "; ".join(
+            f"{name} {value} here, {here[name]} there" for name, value in asked.items() if value != here[name]
+        )
         raise ParameterError(f"scheduler: {who} has another kernel ({other}); give all the same version of dimersweep")
 
 
