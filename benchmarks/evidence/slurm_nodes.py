@@ -165,7 +165,9 @@ class Slurm:
         with suppress(OSError, subprocess.SubprocessError):
             self.said("scancel", "--full", "--signal=KILL", "--user", USER)
             self.said("scancel", "--user", USER)
-            time.sleep(1.0)
+            ends = time.monotonic() + 15  # else the steps of jobs outlive the daemons that they answer to
+            while self.said("squeue", "-h", "-t", "R,CF,CG", "-o", "%i") and time.monotonic() < ends:
+                time.sleep(0.5)
         for each in reversed(self.daemons):
             each.terminate()
         for each in reversed(self.daemons):
