@@ -14,7 +14,7 @@ from dimersweep.cubes.grid import Grid
 from dimersweep.studies.study import Study
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("speed", "evidence")
+ROOMS = ("speed", "evidence", "peers")
 PROGRAMS = {path.stem: room for room in ROOMS for path in (ROOT / "benchmarks" / room).rglob("*.py")}
 
 

@@ -8,8 +8,10 @@ engine's advantage at equal error, and draws the figure (`report`).
 """
 
 import argparse
+import signal
 import sys
 import time
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -39,20 +41,15 @@ PERIODS, ORBIT_PERIODS, SAMPLES = 4, 100, 2  # of a short run, of one to the orb
 SHIFTS = (0.0, 3e-3, -3e-3, 7e-3, -7e-3)  # of the dip angle at the start, relative
 ROUNDS = 3  # timings of a point
 SHORTEST = 0.02  # what is timed at once takes at least so long [s]
-CAP = 12.0  # the errors of one point may take about so long [s]: a slow program is examined from fewer starts
+CAP = 12.0  # a run may take so long [s], and so may the errors of a point: a slow program is examined from fewer starts
 BURST = 0.05  # double impacts closer than this are one, in forcing periods
 FINEST, FINER, TIGHTEST = 1e-13, 3e-13, 1e-14  # of the reference, and of engine and heyoka that judge it
 
 
-def powers(first, last, step=1):
-    """Return tolerances from 10^-first to 10^-last."""
-    return [10.0**-k for k in range(first, last + 1, step)]
-
-
 # class and settings, from the coarsest
 PROGRAMS = {
-    "engine": (Engine, powers(3, 12)),
-    "oracle": (Oracle, powers(4, 8, 2)),
+    "engine": (Engine, 10.0 ** -np.arange(3, 13)),
+    "oracle": (Oracle, 10.0 ** -np.arange(4, 9, 2)),
     "springs": (Springs, [(10.0**power, steps) for power in (6, 8, 10, 12, 14) for steps in (10, 20)]),
 }
 
@@ -64,7 +61,7 @@ def programs():
         return PROGRAMS
     from taylor import Heyoka
 
-    return PROGRAMS | {"heyoka": (Heyoka, powers(3, 14))}
+    return PROGRAMS | {"heyoka": (Heyoka, 10.0 ** -np.arange(3, 15))}
 
 
 def orbit_of(states, T, h):
@@ -112,10 +109,26 @@ def compare(program, setting, starts, truths, periods, orbit):
     found = []
     for start, truth in zip(starts, truths, strict=False):
         try:
-            found.append(errors(look(program(start, setting), start, periods, orbit), truth, 1.0 / start["f"]))
+            with no_longer_than(CAP):
+                found.append(errors(look(program(start, setting), start, periods, orbit), truth, 1.0 / start["f"]))
         except RuntimeError:
             found.append([np.inf] * 3)
     return np.array(found)
+
+
+@contextmanager
+def no_longer_than(limit):
+    """Raise a RuntimeError in what takes more processor time."""
+
+    def stop(*_):
+        raise RuntimeError(f"more than {limit:.0f} s")
+
+    signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, limit)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
 
 
 def seconds(attempt, end, at_least=SHORTEST):
@@ -144,10 +157,11 @@ def measure(scenes, found, periods, orbits, count, rounds):
             for setting in settings:
                 attempt, end = make(scene, setting), periods / scene["f"]
                 try:
-                    attempt.run(end)  # what is compiled is compiled here
-                    taken = seconds(attempt, end, 0.0)
+                    with no_longer_than(CAP):
+                        attempt.run(end)  # what is compiled is compiled here
+                        taken = seconds(attempt, end, 0.0)
                 except RuntimeError as failure:
-                    print(f"{name}: {program} at {setting} gave up: {failure}")
+                    print(f"{name}: {program} at {setting} gave up: {failure or type(failure).__name__}")
                     continue
                 most = max(1, int(CAP / taken))
                 far = orbit and taken * count * ORBIT_PERIODS / periods < CAP
@@ -176,15 +190,18 @@ def main():
     """Measure, tell and draw."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--small", action="store_true", help="one period, few settings, scenes and starts, no orbits")
-    parser.add_argument("--figure", type=Path, help="where the figure goes (default: docs/figures/pareto.png if not small)")
+    parser.add_argument(
+        "--figure", type=Path, help="where the figure goes (default: docs/figures/pareto.png if not small)"
+    )
     given = parser.parse_args()
     found, scenes, small = programs(), list(SCENES), given.small
     if small:
-        found = {name: (make, settings[: 2 if name in ("engine", "heyoka") else 1]) for name, (make, settings) in found.items()}
+        found = {
+            name: (make, settings[: 2 if name in ("engine", "heyoka") else 1])
+            for name, (make, settings) in found.items()
+        }
         scenes = ["drift", "no friction"]
-    points, doubts = measure(
-        scenes, found, *((1, (), 2, 1) if small else (PERIODS, ORBITS, len(SHIFTS), ROUNDS))
-    )
+    points, doubts = measure(scenes, found, *((1, (), 2, 1) if small else (PERIODS, ORBITS, len(SHIFTS), ROUNDS)))
     tell(points, doubts)
     figure = given.figure or (None if small else ROOT / "docs" / "figures" / "pareto.png")
     if figure:

@@ -10,18 +10,20 @@ from functools import cache
 from typing import NamedTuple
 
 import heyoka as hy
-import mechanics
+import law
 import numpy as np
-from mechanics import BEGUN, BETA, D1, FREE, HOLD_LOST, LANDS, LIFTS, SLIP, SLIP_ZERO, STICK, TIME, Body
+from law import BEGUN, BETA, D1, HOLD_LOST, LANDS, LIFTS, N_BODY, SLIP_ZERO, TIME, Body
+
+from tests.limits.regular import FREE, SLIP, STICK
 
 TIME_UP = -1  # the event of a phase that has lasted as long as was asked
 FALLS, RISES = hy.event_direction.negative, hy.event_direction.positive
 
 N_PHASE = 3  # parameters of a phase: angle of the plate at its start, slip that is none, its end
 PHASE, SLIP_TOL, END = (hy.par[k] for k in range(N_PHASE))
-N_BODY = 9  # and as many of the body
-N_PARS = N_PHASE + N_BODY
-BODY = Body(*(hy.par[N_PHASE + k] for k in range(N_BODY)), *[None] * (len(Body._fields) - N_BODY))
+N_MOTION = 9  # and as many of the body
+N_PARS = N_PHASE + N_MOTION
+BODY = Body(*(hy.par[N_PHASE + k] for k in range(N_MOTION)), *[None] * (N_BODY - N_MOTION))
 VARIABLES = hy.make_vars(
     "x1", "y1", "rolled", "d1", "d2", "n1", "n2", "beta", "wb", "wp", "roll", "va", "vb", "theta", "t"
 )  # fmt: skip
@@ -29,7 +31,7 @@ d1, d2, n1, n2, beta, wb, wp, roll, va, vb, theta, t = VARIABLES[D1:]
 ZERO, ONE = hy.expression(0.0), hy.expression(1.0)
 STILL = [ZERO] * 4  # gaps and their rates, which follow from the dip angle in a contact
 levers, respond, free_motion, forces_one, forces_both = (
-    getattr(mechanics, name).py_func for name in ("levers", "respond", "free_motion", "forces_one", "forces_both")
+    getattr(law, name).py_func for name in ("levers", "respond", "free_motion", "forces_one", "forces_both")
 )
 
 

@@ -31,11 +31,9 @@ class Engine:
         self.out, self.codes = np.zeros((self.copies, N_OUT)), np.zeros((self.copies, N_CODES), np.int64)
 
     def follow(self, times):
-        """Return states and times of double impacts."""
         return engine_states(self.scene, times, self.rtol)
 
     def run(self, end):
-        """Make a batch of runs, each to its end."""
         run_many(self.rows, round(end * self.scene["f"]), self.rtol, False, self.out, self.codes)
         assert (self.codes[:, CODES.index("status")] == OK).all()
 
@@ -49,7 +47,6 @@ class Oracle:
         self.scene, self.rtol = scene, rtol
 
     def follow(self, times):
-        """Return states and times of double impacts."""
         done = oracle.simulate(self.scene, times, rtol=self.rtol, v_rest=self.rtol)
         return done["samples"][:, 1:], np.array(done["t_double"])
 
@@ -68,9 +65,7 @@ class Springs:
         self.dt = contact_time(dimer(scene), self.stiffness, SPEED) / steps
 
     def follow(self, times):
-        """Return states and times of double impacts."""
         return march(self.scene, times, self.stiffness, self.dt)
 
     def run(self, end):
-        """Make one run that keeps its last state only."""
         self.follow([end])

@@ -12,6 +12,7 @@ ERRORS = {
     "orbit": "largest relative error of radius, period and angle of the orbit",
 }
 SURE = 100.0  # how much larger than the doubt about the reference an error must be to count
+LEVELS = 10.0 ** -np.arange(1, 13)
 STYLES = {  # colour, marker, title
     "engine": (MODE_COLORS["drift"], "o", "engine"),
     "oracle": (MODE_COLORS["flutter"], "^", "scipy oracle"),
@@ -52,19 +53,21 @@ def advantages(points, doubts, quantity):
         {key: np.divide(row, times[key[0], "engine"]) for key, row in times.items() if key[1] != "engine"}, LEVELS
     ).T
     for scene, doubt in doubts.items():
-        table.loc[scene, LEVELS < SURE * doubt[list(ERRORS).index(quantity)]] = np.nan
+        table.loc[scene, SURE * doubt[list(ERRORS).index(quantity)] > LEVELS] = np.nan
     return table.dropna(how="all").dropna(axis=1, how="all")
-
-
-LEVELS = 10.0 ** -np.arange(1, 13)
 
 
 def tell(points, doubts):
     """Print the points, then the ratios at equal error and the least of them."""
-    shown = points.assign(us_per_period=1e6 * points["seconds"]).drop(columns=["seconds", "seconds_low", "seconds_high"])
+    shown = points.assign(us_per_period=1e6 * points["seconds"]).drop(
+        columns=["seconds", "seconds_low", "seconds_high"]
+    )
     print(shown.to_string(index=False, float_format="{:.3g}".format))
     for scene, doubt in doubts.items():
-        print(f"{scene}: doubt about the reference: " + ", ".join(f"{q} {d:.0e}" for q, d in zip(ERRORS, doubt, strict=True)))
+        print(
+            f"{scene}: doubt about the reference: "
+            + ", ".join(f"{q} {d:.0e}" for q, d in zip(ERRORS, doubt, strict=True))
+        )
     tables = {}
     for quantity, text in ERRORS.items():
         table = advantages(points, doubts, quantity)
@@ -85,9 +88,9 @@ def draw(points, doubts, path):
     figure = Figure(figsize=(11, 6.5), layout="constrained")
     panels = figure.subplots(2, -(-len(doubts) // 2), sharex=True, sharey=True, squeeze=False)
     for ax, (scene, doubt) in zip(panels.ravel(), doubts.items(), strict=False):
-        for program, here in points[points["scene"] == scene].groupby("program", sort=False):
+        good = points[(points["scene"] == scene) & np.isfinite(points["state"])]
+        for program, here in good.groupby("program", sort=False):
             color, marker, title = STYLES[program]
-            here = here[np.isfinite(here["state"])]
             error, middle = np.maximum(here["state"].to_numpy(), 1e-14), here["seconds"].to_numpy()
             spread = middle - here["seconds_low"], here["seconds_high"] - middle
             apart = np.maximum(error - here["state_least"], 0.0), np.minimum(here["state_most"], 1e3) - error

@@ -1,13 +1,13 @@
 """The peer on heyoka: Taylor series with events for each smooth phase, and a compiled law of its own (`law`) between two."""
 
-import math
+from math import inf
 
 import heyoka as hy
 import numpy as np
-from law import arrive, cross
-from march import SPACE
-from mechanics import BEGUN, FREE, N_STATE, TIME, body_of, coordinates, start_state
-from phases import N_BODY, N_PHASE, TIME_UP, integrator
+from law import BEGUN, N_STATE, TIME, arrive, body_of, coordinates, cross, start_state
+from phases import N_MOTION, N_PHASE, TIME_UP, integrator
+
+from tests.limits.regular import FREE, SPACE
 
 LONGEST = 0.125  # longest step of a contact, in forcing periods: forces follow the plate where the state may not
 HOP = 1.5  # first step of a flight that leaves the plate, in times of the hop to be expected
@@ -62,7 +62,7 @@ class Heyoka:
         now = self.integrators.get(code)
         if now is None:
             now = self.integrators[code] = integrator(*code, self.tol, self.with_path)
-            now.pars[N_PHASE:] = self.row[:N_BODY]
+            now.pars[N_PHASE:] = self.row[:N_MOTION]
             now.pars[1] = self.body.slip_zero
         now.state[:] = self.start[now.slots]
         now.pars[0] = self.body.omega * self.state[BEGUN] + self.body.phi0
@@ -80,7 +80,7 @@ class Heyoka:
             outcome = taylor.step(min(HOP * self.hop, end))[0]
             self.hop = 0.0
         if outcome in STEPPED:
-            longest = LONGEST / self.scene["f"] if now.forced else math.inf
+            longest = LONGEST / self.scene["f"] if now.forced else inf
             outcome = taylor.propagate_until(end, max_delta_t=longest, max_steps=MAX_STEPS)[0]
         self.state[TIME] = taylor.time
         if outcome == hy.taylor_outcome.time_limit:

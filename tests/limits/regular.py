@@ -1,16 +1,31 @@
-"""The impact law as a user of heyoka would compile it: (6)-(7) of the paper in the regular form dP_i = X_i^(3/2) dtau.
+"""The impact law compiled by itself: (6)-(7) of the paper for like ends in the regular form dP_i = X_i^(3/2) dtau.
 
 Velocities are in units of the approach speed, impulses in units of mass times that. An impact at one end is closed form
 where it sticks, slips in a constant direction or has no friction; else its slip is integrated in the clock dP = v dxi, in
 which it is regular where the slip ends. Two ends at once are integrated in tau, from switch to switch.
+
+The integrator is DOP853 with the coefficients of scipy. Equations `rates(law, switches, z, out)` are followed until one of
+the `gauges(law, switches, z, out)` that has been positive falls to zero. All arrays are rows of one space.
 """
 
-from math import copysign, log, sqrt
-from typing import NamedTuple
+from collections import namedtuple
+from math import copysign, inf, log, sqrt
 
-from march import STATE, SWITCHES, VALUES, fired, march
-from mechanics import FREE, SLIP, STICK, compiled, speed
+import numpy as np
+from numba import njit
+from scipy.integrate import DOP853
 
+compiled = njit(error_model="numpy", nogil=True)  # not cached: functions are arguments here
+
+FREE, STICK, SLIP = 0, 1, 2  # friction modes of an end
+A, B, E3, E5 = (np.ascontiguousarray(each) for each in (DOP853.A, DOP853.B, DOP853.E3, DOP853.E5))
+STAGES = B.size  # slopes of a step; the next row has that of the new state
+STATE, ARG, OUT, VALUES, AHEAD, ARMED, SWITCHES = range(STAGES + 1, STAGES + 8)  # rows of the space, after the slopes
+SPACE = SWITCHES + 1, 8
+MAX_STEPS, MAX_PROBES = 20_000, 60
+NEAR, NEAREST = 1e-3, 1e-15  # how near to zero a switch is located: in tolerances, and at best
+LOOSEST, FINEST = 1e-3, 2e-15  # tolerance of an impact: however slow, and that round-off allows
+SLIGHT = 1e-7  # part of a step over which the slope of a gauge is taken
 MAX_SWITCHES, HALVINGS = 400, 60
 FIRST = 0.05  # first step of a double impact in tau; it lasts about 3
 AXIAL = 10.0  # lateral part of a slip that is none, in units of the slip that is none
@@ -19,22 +34,141 @@ LEFT = 1e-3  # gap rate, in tolerances, that is none
 AA, AB, AN, AE = range(4)  # of the slip of one end: axial and lateral slip, gap rate, stored energy
 # of two ends: gap rates, compressions, the axial slip they share, lateral ones
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
+# What impulses at the ends that collide do to their contact velocities: normal, axial from normal (of two ends, at p2: at p1 it
+# is the opposite), axial, lateral, and what one at one end does at the other. Then 1/e^2, friction, slip that counts as none,
+# the tolerance, and what is zero for a gauge.
+Law = namedtuple("Law", "nn na aa bb nn_12 bb_12 gain mu mu_s slip_zero tol near")
 
 
-class Law(NamedTuple):
-    """What impulses at the ends that collide do to their contact velocities, and the law there."""
+@compiled
+def speed(a, b):
+    """Return the size of a velocity; `hypot` takes several times as long."""
+    return sqrt(a * a + b * b)
 
-    nn: float
-    na: float  # axial velocity per normal impulse; of two ends, at p2: at p1 it is the opposite
-    aa: float
-    bb: float
-    nn_12: float  # what an impulse at one end does at the other
-    bb_12: float
-    gain: float  # of the energy that is given back: 1/e^2
-    mu: float
-    mu_s: float
-    slip_zero: float  # slip that counts as none
-    tol: float
+
+@compiled
+def step(rates, law, h, n, space):
+    """Make one step from the state, whose slopes are row 0, to the row OUT; return its error over the tolerance."""
+    state, arg, out, switches = space[STATE], space[ARG], space[OUT], space[SWITCHES]
+    for i in range(1, STAGES):
+        for k in range(n):
+            arg[k] = state[k]
+        for j in range(i):
+            share = h * A[i, j]
+            if share != 0.0:
+                for k in range(n):
+                    arg[k] += share * space[j, k]
+        rates(law, switches, arg, space[i])
+    sum5 = sum3 = 0.0
+    for k in range(n):
+        total = e5 = e3 = 0.0
+        for j in range(STAGES):
+            total += B[j] * space[j, k]
+            e5 += E5[j] * space[j, k]
+            e3 += E3[j] * space[j, k]
+        out[k] = state[k] + h * total
+        sum5 += e5 * e5
+        sum3 += e3 * e3
+    if sum5 == 0.0:
+        return 0.0
+    return h * sum5 / sqrt((sum5 + 0.01 * sum3) * n) / law.tol
+
+
+@compiled
+def least(gauges, law, n_g, space):
+    """Return the least of the gauges that were positive at the start of the step, now after it, and its number."""
+    gauges(law, space[SWITCHES], space[OUT], space[VALUES])
+    lowest, which = inf, 0
+    for k in range(n_g):
+        if space[ARMED, k] > 0.0 and space[VALUES, k] < lowest:
+            lowest, which = space[VALUES, k], k
+    return lowest, which
+
+
+@compiled
+def gauge_at(rates, gauges, law, row, which, h, n, space):
+    """Return a gauge and its slope there where `row` has the state; the slope is a difference over a slight part of h."""
+    values, switches = space[AHEAD], space[SWITCHES]
+    gauges(law, switches, space[row], values)
+    value = values[which]
+    rates(law, switches, space[row], space[STAGES])
+    for k in range(n):
+        space[ARG, k] = space[row, k] + SLIGHT * h * space[STAGES, k]
+    gauges(law, switches, space[ARG], values)
+    return value, (values[which] - value) / (SLIGHT * h)
+
+
+@compiled
+def zero_of(x_0, g_0, s_0, x_1, g_1, s_1):
+    """Return where a falling gauge is zero, by the inverse cubic through two values and slopes; if one is level, by Newton."""
+    if s_0 >= 0.0 or s_1 >= 0.0:
+        return x_1 - g_1 / s_1
+    rise = g_1 - g_0
+    u = -g_0 / rise
+    v = 1.0 - u
+    return v * v * ((1.0 + 2.0 * u) * x_0 + u * rise / s_0) + u * u * ((3.0 - 2.0 * u) * x_1 - v * rise / s_1)
+
+
+@compiled
+def locate(rates, gauges, law, h, n, n_g, space):
+    """Repeat the step of length h with other lengths until the first gauge falls just to zero."""
+    low, high, x, last = 0.0, h, h, -1
+    for probe in range(MAX_PROBES):
+        g, which = least(gauges, law, n_g, space)
+        if abs(g) <= law.near or high - low <= NEAREST * high:
+            return
+        low, high = (x, high) if g > 0.0 else (low, x)
+        if which != last:
+            last, x_0 = which, 0.0
+            g_0, s_0 = gauge_at(rates, gauges, law, STATE, which, h, n, space)
+        g, s = gauge_at(rates, gauges, law, OUT, which, h, n, space)
+        guess = zero_of(x_0, g_0, s_0, x, g, s)
+        x_0, g_0, s_0 = x, g, s
+        x = guess if low < guess < high and probe % 4 < 3 else 0.5 * (low + high)
+        step(rates, law, x, n, space)
+
+
+@compiled
+def march(rates, gauges, law, h, n, n_g, space):
+    """Follow the state, with a first step h, until a gauge that has been positive falls to zero; return whether one did."""
+    for _ in range(MAX_STEPS):
+        rates(law, space[SWITCHES], space[STATE], space[0])
+        error = step(rates, law, h, n, space)
+        factor = 0.9 * error ** (-1.0 / 8.0) if error > 0.0 else 5.0
+        if not error <= 1.0:
+            h *= max(0.1, factor) if error < inf else 0.1
+            continue
+        gauges(law, space[SWITCHES], space[STATE], space[VALUES])
+        for k in range(n_g):
+            space[ARMED, k] = space[VALUES, k] > 0.0
+        fell = least(gauges, law, n_g, space)[0] <= 0.0
+        if fell:
+            locate(rates, gauges, law, h, n, n_g, space)
+        for k in range(n):
+            space[STATE, k] = space[OUT, k]
+        if fell:
+            return True
+        h *= min(5.0, factor)
+    return False
+
+
+@compiled
+def fired(k, law, space):
+    """Return whether gauge k has fallen to zero at the end of a march."""
+    return space[ARMED, k] > 0.0 and space[VALUES, k] <= law.near
+
+
+@compiled
+def law_of(w, w_12, e, mu, mu_s, slip_zero, tol):
+    """Return the law of an impact, all speeds in units of that of approach: the small impacts of a chatter need few digits.
+
+    `w` has the responses normal, axial from normal, axial and lateral of an end to an impulse there, `w_12` to one at the
+    other end.
+    """
+    tol = min(LOOSEST, max(FINEST, tol))
+    return Law(
+        w[0], w[1], w[2], w[3], w_12[0], w_12[3], 1.0 / (e * e), mu, mu_s, slip_zero, tol, max(NEAREST, NEAR * tol)
+    )
 
 
 @compiled
@@ -110,12 +244,6 @@ def one_end(law, n, a, b, space):
     return True, n, (law.na - law.aa * hold) * P, 0.0
 
 
-@compiled
-def pressure(X):
-    """Return dP/dtau."""
-    return X * sqrt(X) if X > 0.0 else 0.0
-
-
 MODES, ACTS, RESTORES, SIDE = 0, 2, 4, 6  # switches of a double impact, of p1 and then of p2; side of a lateral slip
 G_GAP, G_TURN, G_SLIP, G_HOLD = 0, 2, 4, 6  # its gauges
 N_Z, N_G = 7, 8
@@ -163,15 +291,16 @@ def slip_clock(law, switches, z):
 
 
 @compiled
-def pair_pressures(switches, z):
-    """Return the pressures at the ends that act."""
-    return pressure(z[ZX1]) if switches[ACTS] else 0.0, pressure(z[ZX2]) if switches[ACTS + 1] else 0.0
+def pressures(switches, X_1, X_2):
+    """Return dP/dtau at the ends that act under these compressions."""
+    f_1 = X_1 * sqrt(X_1) if switches[ACTS] and X_1 > 0.0 else 0.0
+    return f_1, X_2 * sqrt(X_2) if switches[ACTS + 1] and X_2 > 0.0 else 0.0
 
 
 @compiled
 def pair_rates(law, switches, z, out):
     """Compute d/dxi of an impact at both ends."""
-    f_1, f_2 = pair_pressures(switches, z)
+    f_1, f_2 = pressures(switches, z[ZX1], z[ZX2])
     velocity_rates(law, switches, f_1, f_2, z, out)
     clock = slip_clock(law, switches, z)
     for k in range(N_Z):
@@ -188,7 +317,7 @@ def pair_gauges(law, switches, z, out):
     The slip of an end that acts alone ends in the axial direction, which is invariant; to follow its lateral part further
     would be stiff. In the place of a hold stands how far that part is from none.
     """
-    f_1, f_2 = pair_pressures(switches, z)
+    f_1, f_2 = pressures(switches, z[ZX1], z[ZX2])
     T, L_1, L_2 = pair_friction(law, switches, f_1, f_2, z)
     total = f_1 + f_2
     both = switches[MODES] == STICK and switches[MODES + 1] == STICK
@@ -255,26 +384,6 @@ def hold_or_slip(law, switches, z, f_1, f_2, lost):
 
 
 @compiled
-def first_pressures(switches, z):
-    """Return the pressures, or where all only begin their ratio then; an end that acts has some."""
-    begun = z[ZX1] + z[ZX2] > 0.0
-    f_1, f_2 = pressure(z[ZX1] if begun else -z[ZN1]), pressure(z[ZX2] if begun else -z[ZN2])
-    lowest = 1e-9 * max(f_1, f_2)
-    return max(f_1, lowest) if switches[ACTS] else 0.0, max(f_2, lowest) if switches[ACTS + 1] else 0.0
-
-
-@compiled
-def wake(law, switches, z, f_1, f_2, left, rates):
-    """Set an end at rest on the plate that the other one presses down to be compressed; return whether one is."""
-    velocity_rates(law, switches, f_1, f_2, z, rates)
-    woken = False
-    for i in range(2):
-        if not switches[ACTS + i] and abs(z[ZN1 + i]) <= left and rates[ZN1 + i] < 0.0:
-            switches[ACTS + i], z[ZN1 + i], woken = 1.0, 0.0, True
-    return woken
-
-
-@compiled
 def turn(law, switches, z, space):
     """Do what follows from the gauges that have fallen to zero; return whether it was only a hold that was lost."""
     lost = True
@@ -308,13 +417,20 @@ def two_ends(law, space):
         for i in range(2):
             if not switches[ACTS + i] and z[ZN1 + i] < -left:
                 switches[ACTS + i] = 1.0
-        f_1, f_2 = first_pressures(switches, z)
-        hold_or_slip(law, switches, z, f_1, f_2, lost)
-        if wake(law, switches, z, f_1, f_2, left, space[VALUES]):
-            f_1, f_2 = first_pressures(switches, z)
-            hold_or_slip(law, switches, z, f_1, f_2, lost)
         if not switches[ACTS] and not switches[ACTS + 1]:
             return True
+        begun = z[ZX1] + z[ZX2] > 0.0  # else the pressures only begin their ratio now
+        f_1, f_2 = pressures(switches, z[ZX1] if begun else -z[ZN1], z[ZX2] if begun else -z[ZN2])
+        lowest = 1e-9 * max(f_1, f_2)  # an end that acts has some
+        f_1, f_2 = max(f_1, lowest) if switches[ACTS] else 0.0, max(f_2, lowest) if switches[ACTS + 1] else 0.0
+        hold_or_slip(law, switches, z, f_1, f_2, lost)
+        velocity_rates(law, switches, f_1, f_2, z, space[VALUES])
+        woken = False  # an end at rest on the plate that the other one presses down
+        for i in range(2):
+            if not switches[ACTS + i] and abs(z[ZN1 + i]) <= left and space[VALUES, ZN1 + i] < 0.0:
+                switches[ACTS + i], z[ZN1 + i], woken = 1.0, 0.0, True
+        if woken:
+            continue
         if not march(pair_rates, pair_gauges, law, FIRST / slip_clock(law, switches, z), N_Z, N_G, space):
             return False
         lost = turn(law, switches, z, space)
