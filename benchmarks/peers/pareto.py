@@ -48,7 +48,7 @@ FINEST, FINER, TIGHTEST = 1e-13, 3e-13, 1e-14  # of the reference, and of engine
 
 # class and settings, from the coarsest
 PROGRAMS = {
-    "engine": (Engine, 10.0 ** -np.arange(3, 13)),
+    "engine": (Engine, 10.0 ** -np.arange(2, 13)),
     "oracle": (Oracle, 10.0 ** -np.arange(4, 9, 2)),
     "springs": (Springs, [(10.0**power, steps) for power in (6, 8, 10, 12, 14) for steps in (10, 20)]),
 }
