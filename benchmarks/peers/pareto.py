@@ -163,7 +163,7 @@ def measure(scenes, found, periods, orbits, count, rounds):
                 except RuntimeError as failure:
                     print(f"{name}: {program} at {setting} gave up: {failure or type(failure).__name__}")
                     continue
-                most = max(1, int(CAP / taken))
+                most = max(1, int(CAP / max(taken, SHORTEST)))
                 far = orbit and taken * count * ORBIT_PERIODS / periods < CAP
                 error = compare(make, setting, starts[:most], truths, periods, far)
                 middle, least, largest = (f(error, axis=0) for f in (np.median, np.min, np.max))

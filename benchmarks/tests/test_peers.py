@@ -135,14 +135,14 @@ def test_the_peer_closes_a_chatter_where_its_hops_would_lead(name, monkeypatch):
     impact, slip_zero, _ = taylor.ACCURACY
     cross = taylor.cross
     monkeypatch.setattr(taylor, "cross", lambda *given: crossings.append(len(seen)) or cross(*given))
-    for close in ((4.0, 0.0), (0.0, 0.0)):  # summed, and followed hop by hop
+    for close in ((4.0, 0.0), (4e-9, 0.0)):  # summed, and followed to hops a thousandth as fast
         monkeypatch.setattr(taylor, "ACCURACY", (impact, slip_zero, close))
         seen.append(taylor.Heyoka(scene, tol).follow(times))
     (states, doubles), (hopped, late) = seen
     assert difference(states, hopped) < 30 * tol
     bursts = [each[np.diff(each, prepend=-1.0) > pareto.BURST / scene["f"]] for each in (doubles, late)]
     np.testing.assert_allclose(*bursts, rtol=0, atol=10 * tol / scene["f"])
-    assert 2 * crossings.count(0) < crossings.count(1)
+    assert 1.3 * crossings.count(0) < crossings.count(1)
 
 
 def test_the_peer_with_its_own_law_takes_nothing_of_the_engine():
