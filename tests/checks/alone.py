@@ -42,6 +42,7 @@ sampler.run_mcmc(np.random.default_rng(1).random((4, 1)), 2)
     "docs": "import dimersweep, furo, ipykernel, myst_nb, numpydoc, sphinx, zarr",
     "notebooks": "import dimersweep, ipykernel, jupyterlab",
     "cluster": "import dimersweep, dask_jobqueue, dask_mpi",
+    "peers": "import dimersweep, heyoka",
 }
 
 
