@@ -54,12 +54,10 @@ NAN = np.array([np.nan], ">f8").tobytes()
 
 def runs(count: int = 720, first: int = 720) -> Iterator[tuple[str, str]]:
     """Yield the first few of the runs by their names."""
-    sys.path.insert(0, str(ROOT / "benchmarks" / "speed"))
-    from same_bits import questions
-
     from dimersweep.cubes.cube import blank
     from dimersweep.kernel.batch import run_many
     from dimersweep.parameters import Parameters
+    from tests.checks.questions import questions
 
     for k, question in enumerate(questions(count)[:first]):
         scene = dict(question["scene"])

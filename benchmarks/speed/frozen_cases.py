@@ -13,7 +13,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-import same_bits
 import same_states
 import xarray as xr
 
@@ -21,6 +20,7 @@ from dimersweep import attractors, bifurcation, fit, load_run, loops, open_cube,
 from dimersweep import stability as stabilities
 from dimersweep.errors import OrbitError, ParameterError
 from tests.checks.dimers import random_dimer
+from tests.checks.questions import RUNS, questions
 
 DECLARED = Path(__file__).resolve().parents[2] / "sweeps" / "borders"
 EARLY = 4  # forcing periods after which a state is told besides the last one: no difference has grown much there
@@ -129,7 +129,7 @@ def of_run(question: dict[str, Any], _: Path) -> Answer:
 
 def runs() -> Iterator[Case]:
     """The runs of ``same_bits.py``."""
-    for k, question in enumerate(same_bits.questions(same_bits.RUNS)):
+    for k, question in enumerate(questions(RUNS)):
         scene = question["scene"]
         yield Case(f"run {k} of {scene['periods']} periods at rtol {scene['rtol']:.0e}", partial(of_run, question))
 

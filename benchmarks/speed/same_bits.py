@@ -24,52 +24,6 @@ from typing import Any
 import numpy as np
 
 HERE = Path(__file__).resolve().parent
-RUNS = 720
-SEED = 11
-FAR, NEAR, BASE = range(3)
-PERIODS = {FAR: (1, 15), NEAR: (2, 40), BASE: (10, 130)}
-LONG = 260  # periods of every fifth run near the base case: enough for a twin of it to be followed
-STATES = 40  # times at which the states of a recorded run are compared
-
-
-def around_base(rng: np.random.Generator, n: int) -> list[dict[str, float]]:
-    """Parameters of scenes close to the paper's base case."""
-    from dimersweep.symbols import BASE as base
-
-    free = {"e": 0.3, "f": 0.3, "A_r": 0.3, "mu": 0.5, "beta0": 0.8, "xdot0": 0.5}
-    made = []
-    for _ in range(n):
-        scene = {name: base[name] * (1 + width * rng.uniform(-1, 1)) for name, width in free.items()}
-        rest = {"mu_s": scene["mu"] * rng.choice([1.0, 2.0]), "Gamma": rng.uniform(0.5, 2.0)}
-        made.append(scene | rest)
-    return made
-
-
-def questions(n: int) -> list[dict[str, Any]]:
-    """What each run is asked for: arguments of `simulate`, and the times of its states as shares of its length."""
-    from tests.checks.random_scenes import parameters_of, rows_of
-
-    rng = np.random.default_rng(SEED)
-    each = -(-n // 3)
-    kinds = [
-        [parameters_of(row) for row in rows_of(block, each, SEED, ("far", "near")[block])] for block in (FAR, NEAR)
-    ]
-    kinds.append(around_base(rng, each))
-    asked = []
-    for k in range(n):
-        kind, nth = k % 3, k // 3
-        long = kind == BASE and nth % 5 == 0
-        stability = kind == BASE and nth % 5 == 1
-        periods = LONG if long else int(rng.integers(*PERIODS[kind]))
-        settings = {
-            "periods": periods,
-            "rtol": float(f"{10 ** rng.uniform(-11, -4 if kind == BASE else -3):.3g}"),  # powers are the system's
-            "stop_when_settled": stability or bool(rng.random() < 0.5),
-            "record": stability or (not long and bool(rng.random() < 0.6)),
-        }
-        shares = np.sort(rng.random(STATES)).tolist() if settings["record"] else []
-        asked.append({"scene": kinds[kind][nth] | settings, "shares": shares, "stability": stability})
-    return asked
 
 
 def digest(*arrays: Any) -> str:
@@ -179,9 +133,10 @@ def alone(one: dict[str, dict[str, str]], other: dict[str, dict[str, str]]) -> l
 
 def main(arguments: list[str] | None = None) -> None:
     """Compare, tell what differs, and exit with 1 if anything does."""
+
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("revisions", nargs="*", metavar="REV", help="two revisions, folders or files of answers")
-    parser.add_argument("--runs", type=int, default=RUNS)
+    parser.add_argument("--runs", type=int)
     parser.add_argument("--no-presets", action="store_true", help="leave out the small declared sweeps")
     parser.add_argument("--keep", type=Path, metavar="FILE", help="write the answers of the last revision to a file")
     parser.add_argument("--answer", nargs=2, help=argparse.SUPPRESS)
@@ -190,11 +145,13 @@ def main(arguments: list[str] | None = None) -> None:
         asked, sweeps = given.answer
         answer(json.loads(Path(asked).read_text()), Path(sweeps) if sweeps else None)
         return
+    from tests.checks.questions import RUNS, questions  # here: a process of an older revision has no such module
+
     if len(given.revisions) != 2 and not (given.keep and given.revisions):
         parser.error("two revisions are compared; one alone can be kept with --keep")
     sweeps = None if given.no_presets else HERE.parents[1] / "sweeps"
     with tempfile.NamedTemporaryFile("w", suffix=".json") as asked:
-        json.dump(questions(given.runs), asked)
+        json.dump(questions(given.runs or RUNS), asked)
         asked.flush()
         found = [answers_of(revision, Path(asked.name), sweeps) for revision in given.revisions]
     if given.keep:

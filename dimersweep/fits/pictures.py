@@ -14,7 +14,7 @@ from dimersweep.symbols import PARAMETERS, symbol, units_shown
 DEVIATIONS = {2: "#c7dded", 1: "#9dc3de"}  # and how they are filled: opaque, for the parts of a valley overlap
 CORNERS = 181  # of a drawn ellipse
 OVERLAP = 12.0  # of the variance along a valley: a part of it comes to the next point
-BETWEEN = 8  # parts of the way to a neighbour in a valley: ellipses so close have a smooth edge together
+TO_NEIGHBOUR = 8  # parts of the way to a neighbour in a valley: ellipses so close have a smooth edge together
 NEIGHBOURS = 2.5  # nearest distances within which points are neighbours: where parts of a valley meet it is two
 
 
@@ -75,7 +75,7 @@ def _finer(centres: np.ndarray, *others: np.ndarray) -> tuple[np.ndarray, ...]:
     apart = np.linalg.norm((centres[:, None] - centres) / np.ptp(centres, axis=0), axis=2)
     nearest = np.partition(apart, 1, axis=1)[:, 1]
     a, b = np.nonzero(np.triu(apart <= NEIGHBOURS * np.maximum.outer(nearest, nearest), 1))
-    shares = np.linspace(0, 1, BETWEEN, endpoint=False)[1:]
+    shares = np.linspace(0, 1, TO_NEIGHBOUR, endpoint=False)[1:]
 
     def between(each: np.ndarray) -> np.ndarray:
         return np.concatenate([each, *((1 - share) * each[a] + share * each[b] for share in shares)])
