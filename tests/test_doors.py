@@ -22,6 +22,7 @@ from dimersweep.inputs import as_number, as_numbers
 from dimersweep.runs.accessor import DatasetAccessor
 from dimersweep.studies.border_files import read_borders
 from dimersweep.symbols import PARAMETERS
+from dimersweep.work.options import make_options
 
 TIMES = np.arange(1500) / 1000
 SHAKEN = -9.81 * (0.9 * np.sin(2 * np.pi * 15 * TIMES) + 0.05 * np.sin(4 * np.pi * 15 * TIMES + 1))
@@ -152,6 +153,7 @@ DOORS = {
     "simulate.start": (lambda v, _: run_numbers(start={"beta": v}), 0.3, "rad"),
     "simulate.rtol": (lambda v, _: run_numbers(rtol=v), 1e-9, "1"),
     "simulate.max_seconds": (lambda v, _: run_numbers(max_seconds=v), 100.0, "s"),
+    "sweep.give_up_after": (lambda v, _: make_options(give_up_after=v).give_up_after, 100.0, "s"),
     "Run.states.t": (lambda v, made: said(made["run"].states(v)), np.array([0.5, 1.0]), "s"),
     "Run.error.t": (lambda v, made: made["run"].error(v)["time"].values, np.array([0.51]), "s"),
     "Run.section.phase": (lambda v, made: said(made["run"].section(phase=v)), 1.0, "rad"),
@@ -188,11 +190,12 @@ ALIKE = {
     "Likelihood.orbit.point", "Likelihood.values.point",
     *(f"{name}.{each}" for name in ("search", "refine", "bifurcation") for each in ("grid", "fixed", "points", "rtol")),
     "make.rtol", "simulate.parameters", "impact_rates.time",  # see below
+    *(f"{name}.give_up_after" for name in ("search", "refine", "bifurcation", "make")),
 }  # fmt: skip
 # whole numbers and switches, which have no unit: each has a test of its own refusals
 COUNTS = {
     "periods", "max_periods", "points", "starts", "seed", "confirm", "strobes", "workers", "fps", "dpi", "orbit_periods",
-    "halvings", "arrows", "paths", "fewest",
+    "halvings", "part", "parts", "arrows", "paths", "fewest",
 }  # fmt: skip
 # what takes no number, or is made by the package and not by a user
 NO_NUMBERS = {
@@ -208,7 +211,7 @@ WORDS = {
     "mode", "ask", "over", "between", "observe", "client", "extend", "out", "keep_tiles", "progress", "retry", "fail_fast",
     "attrs", "carry", "certify", "sustained", "stop_when_settled", "record", "switch", "sequences", "mirror", "slow", "last",
     "slow_impacts", "tex", "always", "wanted", "by", "at", "color", "angle", "quantity", "region", "figure", "how", "unit",
-    "at_unit", "flags", "variables", "declared", "data", "family", "start", "columns", "observe_with", "port", "measured",
+    "at_unit", "finish", "flags", "variables", "declared", "data", "family", "start", "columns", "observe_with", "port", "measured",
 }  # fmt: skip
 
 
