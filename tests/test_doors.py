@@ -211,7 +211,8 @@ WORDS = {
     "mode", "ask", "over", "between", "observe", "client", "extend", "out", "keep_tiles", "progress", "retry", "fail_fast",
     "attrs", "carry", "certify", "sustained", "stop_when_settled", "record", "switch", "sequences", "mirror", "slow", "last",
     "slow_impacts", "tex", "always", "wanted", "by", "at", "color", "angle", "quantity", "region", "figure", "how", "unit",
-    "at_unit", "finish", "flags", "variables", "declared", "data", "family", "start", "columns", "observe_with", "port", "measured",
+    "at_unit", "flags", "variables", "declared", "data", "family", "start", "columns", "observe_with", "port", "measured",
+    "finish",
 }  # fmt: skip
 
 

@@ -160,7 +160,9 @@ def test_what_does_not_go_together_is_refused_in_a_line(monkeypatch):
         f"{one} and {one}: are the same part, 1/2": [one, two, one],
         f"{one} and {other}: are parts of 2 and of 3": [one, other],
         different.format("longer.part-2-of-2.nc", "periods: 20 -> 21"): [one, "longer.part-2-of-2.nc"],
-        different.format("former.part-2-of-2.nc", "kernel_version: the sources of dimersweep are those of another version"): [
+        different.format(
+            "former.part-2-of-2.nc", "kernel_version: the sources of dimersweep are those of another version"
+        ): [
             one,
             "former.part-2-of-2.nc",
         ],
