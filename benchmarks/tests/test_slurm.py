@@ -11,6 +11,7 @@ SCRIPT = Path(__file__).parents[1] / "evidence" / "slurm.py"
 
 
 @pytest.mark.jit
+@pytest.mark.release  # some minutes, on a SLURM that must be installed
 def test_what_happens_on_a_cluster_holds():
     pytest.importorskip("dask_jobqueue")
     if why := why_not():
