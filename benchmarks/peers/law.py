@@ -56,6 +56,8 @@ OPEN = 1e-17  # and at this share of h where it opens without a rate
 def body_of(scene, impact, slip_zero, close):
     """Return the constants of named parameters, and of three accuracies."""
     d = dimer(scene)
+    if d.e[0] == 0.0 or any(one != other for one, other in (d.r, d.e, d.mu, d.mu_s)):
+        raise ValueError("the peer on heyoka takes like ends with e > 0 only")
     motion = (
         d.l / 2,
         d.r[0],

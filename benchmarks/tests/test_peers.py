@@ -125,6 +125,15 @@ def test_the_peer_on_heyoka_agrees_with_the_engine_at_tight_tolerance(name):
     np.testing.assert_allclose(*bursts, atol=1e-10)
 
 
+@pytest.mark.parametrize("given", [{"e_2": 0.5}, {"e": 0.0}, {"r_1": 4e-3}])
+def test_the_peer_refuses_what_it_does_not_know(given):
+    pytest.importorskip("heyoka")
+    from taylor import Heyoka
+
+    with pytest.raises(ValueError, match="like ends with e > 0 only"):
+        Heyoka(given, 1e-6)
+
+
 @pytest.mark.parametrize("name", ["drift", "dead run", "no friction"])
 def test_the_peer_closes_a_chatter_where_its_hops_would_lead(name, monkeypatch):
     pytest.importorskip("heyoka")
