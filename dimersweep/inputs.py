@@ -41,7 +41,7 @@ _NAMED: dict[str, tuple[Size, dict[str, int]]] = {
     "° deg degree": (pi / 180, {"rad": 1}),
     "r rev turn cycle revolution": (2 * pi, {"rad": 1}),
     "rpm RPM": (pi / 30, {"rad": 1, "s": -1}),
-    "g_0 g0 gn standard_gravity": (Fraction("9.80665"), {"m": 1, "s": -2}),
+    "gn standard_gravity": (Fraction("9.80665"), {"m": 1, "s": -2}),
 }
 _WORDS = {word: unit for words, unit in _NAMED.items() for word in words.split()}
 _WORDS |= {f"{word}s": unit for word, unit in _WORDS.items() if len(word) > 2}

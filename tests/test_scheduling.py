@@ -363,6 +363,36 @@ def test_what_is_waited_for_is_told_with_where_to_look(tmp_path, monkeypatch):
     assert waiting.words_for(nobody, {}, [], 0) == "no worker" and waiting.lacks(nobody, {})
 
 
+def wait_for(holds):
+    """Wait until something holds, which takes a moment on a quiet machine."""
+    ends = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < ends
+        time.sleep(0.05)
+
+
+def test_workers_that_leave_are_counted_and_who_listens_to_the_scheduler_goes_on():
+    from distributed import Client, LocalCluster
+
+    heard = []
+
+    def hears(what):
+        client.log_event("all", what)
+        return any(message == what for _, message in list(heard))
+
+    quiet = {"processes": False, "dashboard_address": ":0"}
+    with LocalCluster(n_workers=2, threads_per_worker=1, **quiet) as made, Client(made) as client:
+        client.subscribe_topic("all", heard.append)
+        wait_for(lambda: hears("before"))
+        with scheduling.cluster(client) as pool:
+            assert pool.workers() == 2 and "left" not in pool.words()
+            client.retire_workers([next(iter(client.nthreads()))])
+            wait_for(lambda: "; 1 have left" in pool.words())
+            assert "untold" not in pool.words()
+        wait_for(lambda: hears("after"))
+        client.unsubscribe_topic("all")
+
+
 def pool_that(lacks):
     return Pool(None, lambda: 2, lacks=lambda: lacks, words=lambda: "two workers")
 

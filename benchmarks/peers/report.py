@@ -1,4 +1,4 @@
-"""What `pareto` measured in words and as its figure."""
+"""Tell what `pareto` measured, in words and as its figure."""
 
 import numpy as np
 import pandas as pd

@@ -133,7 +133,6 @@ def alone(one: dict[str, dict[str, str]], other: dict[str, dict[str, str]]) -> l
 
 def main(arguments: list[str] | None = None) -> None:
     """Compare, tell what differs, and exit with 1 if anything does."""
-
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("revisions", nargs="*", metavar="REV", help="two revisions, folders or files of answers")
     parser.add_argument("--runs", type=int)

@@ -25,14 +25,14 @@ if TYPE_CHECKING:
 
 
 def check_files(
-    out: Path | None, plot: Path | None, *, force: bool, what: str = "a table", endings: tuple[str, ...] = (".nc",)
+    out: Path | None, plot: Path | None, *, force: bool, what: str = "a table", endings: tuple[str, ...] = ()
 ) -> None:
-    """Refuse files that could not be written."""
+    """Refuse files that could not be written; without `endings` those of a table are."""
     from dimersweep.plots import check_picture
-    from dimersweep.storage.outputs import check_output
+    from dimersweep.storage.outputs import TABLES, check_output
 
     if out is not None:
-        check_output(out, force=force, what=what, endings=endings)
+        check_output(out, force=force, what=what, endings=endings or TABLES)
     if plot is not None:
         check_picture(plot, force=force, name="plot")
 

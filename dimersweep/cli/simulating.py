@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import OUTPUT, Force, in_lines, number_option, option, typed, with_parameters
+from dimersweep.cli.options import OUTPUT, Accuracy, Force, in_lines, number_option, option, typed, with_parameters
 from dimersweep.cli.printing import Printer, print_table, telling
 from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
 from dimersweep.runs.outcomes import Absent
@@ -22,7 +22,7 @@ def simulate(
     tell: Printer,
     *,
     periods: Annotated[int, number_option("Forcing periods to run.", int)] = 100,
-    rtol: Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")] = 1e-8,
+    rtol: Accuracy = 1e-8,
     stop_when_settled: Annotated[
         bool, option("End as soon as the motion has settled and its numbers stand.", "--stop-when-settled")
     ] = False,

@@ -34,7 +34,7 @@ CONTROLS = Path(__file__).with_name("explore.html")
 
 
 def _field(name: str) -> dict[str, Any]:
-    """What a page needs for the field of a parameter, or of what is given in its place."""
+    """Return what a page needs for the field of a parameter, or of what is given in its place."""
     value = BASE.get(name, LEFT_OUT.get(name, ""))
     usual = as_shown(name, value) if isinstance(value, float) else value and f"= {symbol(value)}"
     told = {"name": name, "label": symbol(name), "unit": units_of(name), "says": GIVEN[name].long_name}

@@ -1,4 +1,4 @@
-"""What is read off the record of some forcing periods: symbols of its events, longest hops, and the last strike of the bouncer.
+"""Read the record of some forcing periods: symbols of its events, longest hops, and the last strike of the bouncer.
 
 The bouncer is the end that is in the air for longer. The spin of a motion is that after the bouncer's last impact.
 """
@@ -42,7 +42,7 @@ SAME_IMPACT = PER_STATE * CODE_BASE**2
 
 
 class Read(NamedTuple):
-    """What is read off a passage, for Python: a row of numbers in the kernel."""
+    """Numbers that are read off a passage, for Python: a row of an array in the kernel."""
 
     spin: float  # after the last strike of the bouncer, or at the end without one [rad/s]
     turned: float  # theta there [rad]
@@ -63,7 +63,7 @@ R_SPIN, R_TURNED, R_THETA, R_HOP, _, R_PHASE, R_SPEED, R_ZETA, R_END, R_STRIKES,
 
 
 class Reading(NamedTuple):
-    """What is read off n passages in one record."""
+    """Numbers and symbols that are read off n passages in one record."""
 
     rows: Any  # shape (n, N_READ)
     symbols: Any  # of each row of events, int64

@@ -87,7 +87,7 @@ class BorderEquations:
         return np.concatenate([here - z, self.weight * turned.ravel(), normal]), m
 
     def derivative(self, u: np.ndarray, around: "Around | None" = None) -> np.ndarray:
-        """Of all equations by u; from what is around the point, if it is known."""
+        """Return the derivative of all equations by u; from what is around the point, if it is known."""
         z, V, unknown, m = self.parts(u)
         here, beside, J = Around.of(m, z) if around is None else around
         n, end, step, one = self.n, self.n * (1 + self.rows), m.step, np.eye(self.rows)

@@ -150,7 +150,7 @@ class Recorder:
         return found, reading
 
     def _recorded(self, passages: int, made: Callable[[Record, Reading], tuple[Any, ...]]) -> tuple[Any, Reading]:
-        """What `made` returns, the status first, in a record that holds all."""
+        """Return what `made` does, the status first, with a record that holds all."""
         while True:
             rows = len(self.record.events)
             reading = new_reading(passages, rows)

@@ -66,7 +66,7 @@ class Section:
         return self.judged_state(point, modes)[0]
 
     def judged_state(self, point: np.ndarray, modes: np.ndarray) -> tuple[np.ndarray, int]:
-        """The same, and OK or why there is no state at the point (``section.judge``)."""
+        """Return that state, and OK or why there is none at the point (``section.judge``)."""
         state = np.array(State())
         return state, state_at(self.row, self.units, point, modes, self.space.dimer, state)
 

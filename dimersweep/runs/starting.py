@@ -92,10 +92,8 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
     u, v = start.get("x1_rate", 0.0), start.get("y1_rate", 0.0)
     rise_rate = start["z1_rate"] - float(motion(dm, dm.phi0)[1]) if "z1_rate" in start else 0.0
     (sin_b, cos_b), (sin_t, cos_t) = map(sine_and_cosine, (beta, theta))
-    across, away = (
-        theta_rate * cos_b,
-        dm.p1.h * cos_b,
-    )  # the latter of ball 1 from the centre of mass, along the heading
+    # the latter of ball 1 from the centre of mass, along the heading
+    across, away = theta_rate * cos_b, dm.p1.h * cos_b
     state = State(
         0.0,
         *gaps,

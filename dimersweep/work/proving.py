@@ -102,7 +102,7 @@ def proof() -> None:
 
 
 def outcomes() -> tuple[np.ndarray, np.ndarray]:
-    """What `SCENES` come to, as the kernel gives it: shapes (n, N_OUT) and (n, N_CODES); without the JIT the first few."""
+    """Return the numbers and codes that `SCENES` come to, shapes (n, N_OUT) and (n, N_CODES); without the JIT the first few."""
     scenes = SCENES[:UNCOMPILED] if way() == PYTHON else SCENES  # Python takes seconds, and has no compiler to prove
     rows = np.array([Parameters(**scene.parameters).row() for scene in scenes])
     out, codes = blank(len(rows))

@@ -15,7 +15,7 @@ from functools import cache
 from importlib import metadata
 from math import ceil
 from queue import Empty, SimpleQueue
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 from uuid import uuid4
 
 import numpy as np
@@ -47,6 +47,8 @@ TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 TASK_SECONDS = 0.004  # that a task costs driver and scheduler at most: tasks are long enough for so many workers
 
 KERNEL_NAME = "kernel version"
+
+T = TypeVar("T")
 LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
 
 
@@ -219,9 +221,8 @@ def _quiet() -> Iterator[None]:
 def cluster(client: Any) -> Iterator[Pool]:
     """The workers of a dask.distributed client."""
     executor: Any = client.get_executor(pure=False)
-    counted, asker = -COUNT_SECONDS, uuid4().hex
+    counted, asker, begun = -COUNT_SECONDS, uuid4().hex, time.time()
     there: dict[str, int] = {}
-    left: list[bool] = []  # of each worker that is gone, whether it was told to
     flying: set[Future[Made]] = set()
 
     def workers() -> int:
@@ -231,11 +232,12 @@ def cluster(client: Any) -> Iterator[Pool]:
                 counted, there = time.monotonic(), client.nthreads()
         return sum(there.values())
 
-    def note(event: tuple[float, Any]) -> None:
-        if isinstance(event[1], dict) and event[1].get("action") == "remove-worker":
-            left.append(bool(event[1].get("expected")))
-
     def words() -> str:
+        # what the scheduler has noted is asked for: who subscribes to it replaces whoever else has on this client
+        noted: Any = answer_of(lambda: client.get_events("all"))
+        events = [] if isinstance(noted, Exception) else [event for at, event in noted if at >= begun]
+        gone = [event for event in events if isinstance(event, dict) and event.get("action") == "remove-worker"]
+        left = [bool(event.get("expected")) for event in gone]
         compiling = list(ask_workers(client, is_compiling).values()).count(True)
         return words_for(client, there, left, compiling)
 
@@ -255,7 +257,6 @@ def cluster(client: Any) -> Iterator[Pool]:
                 why = f"{type(error).__name__}: {one_line(error)}"
                 warnings.warn(f"scheduler: a worker could not be told to stop ({why})", RuntimeWarning, stacklevel=2)
 
-    client.subscribe_topic("all", note)
     try:
         yield Pool(submit, workers, stop, lambda: lacks(client, there), words, DEMAND)
     except BaseException:
@@ -264,27 +265,35 @@ def cluster(client: Any) -> Iterator[Pool]:
     finally:
         with suppress(Exception):  # of a connection that is lost, for which distributed has no common class
             executor.shutdown(wait=False)
-            client.unsubscribe_topic("all")
+
+
+def answer_of(ask: Callable[[], T]) -> T | Exception:
+    """Return what a scheduler or its workers answer, or the error.
+
+    A worker that hangs, or a scheduler that is lost, would keep whoever waits for it: where the answer takes longer than
+    `ANSWER_SECONDS` that is the error.
+    """
+    answers: list[T | Exception] = [TimeoutError(f"no answer within {ANSWER_SECONDS:g} s")]
+
+    def wait_for_it() -> None:
+        try:
+            answers.append(ask())
+        except Exception as error:  # distributed has no common class for what a lost scheduler leads to
+            answers.append(error)
+
+    asking = threading.Thread(target=wait_for_it, daemon=True, name="dimersweep-asks")
+    asking.start()
+    asking.join(ANSWER_SECONDS)
+    return answers[-1]
 
 
 def ask_workers(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
     """Return what a function gives in each worker process, by its address, or the error that it raised there.
 
-    A worker that hangs, or a scheduler that is lost, would keep whoever waits for it: where the answers take longer than
-    `ANSWER_SECONDS`, or cannot be had, there is an error alone, with no address.
+    Where no worker can be asked there is an error alone, with no address; see `answer_of`.
     """
-    answers: list[dict[str, Any]] = []
-
-    def ask() -> None:
-        try:
-            answers.append(client.run(function, *given, on_error="return"))
-        except Exception as error:  # distributed has no common class for what a lost scheduler leads to
-            answers.append({"": error})
-
-    asking = threading.Thread(target=ask, daemon=True, name="dimersweep-asks")
-    asking.start()
-    asking.join(ANSWER_SECONDS)
-    return answers[0] if answers else {"": TimeoutError(f"no answer within {ANSWER_SECONDS:g} s")}
+    found = answer_of(lambda: client.run(function, *given, on_error="return"))
+    return {"": found} if isinstance(found, Exception) else found
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What a sweep waits for, said every minute while nothing comes back or workers are missing; and when that is given up."""
+"""Say every minute what a sweep waits for, while nothing comes back or workers are missing, and give up when asked to."""
 
 import re
 import sys

@@ -27,7 +27,7 @@ def around_base(rng: np.random.Generator, n: int) -> list[dict[str, float]]:
 
 
 def questions(n: int) -> list[dict[str, Any]]:
-    """What each run is asked for: arguments of `simulate`, and the times of its states as shares of its length."""
+    """Return what each run is asked for: arguments of `simulate`, and the times of its states as shares of its length."""
     rng = np.random.default_rng(SEED)
     each = -(-n // 3)
     kinds = [

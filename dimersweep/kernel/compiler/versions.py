@@ -76,7 +76,7 @@ def target(common: bool = True) -> tuple[str, str]:
 
 
 def compiler(way: str) -> dict[str, str]:
-    """What makes machine code of the kernel, how, and for what; imports Numba."""
+    """Return what makes machine code of the kernel, how, and for what; imports Numba."""
     import llvmlite
     import numba
     import numpy as np
@@ -90,11 +90,11 @@ def compiler(way: str) -> dict[str, str]:
 
 @cache
 def code_version(way: str) -> str:
-    """Of code that is compiled this way: the kernel's sources and the compiler; 16 hexadecimal digits."""
+    """Return the version of code that is compiled this way, by the kernel's sources and the compiler; 16 hexadecimal digits."""
     lines = "\n".join(f"{name} = {value}" for name, value in compiler(way).items())
     return hashlib.sha256(take_digests()[0] + lines.encode()).hexdigest()[:16]
 
 
 def kernel_version() -> str:
-    """Of results: what is compared between a sweep and its workers, or the one it goes on with; 16 hexadecimal digits."""
+    """Return the version that results are compared by, with those of workers and of former sweeps; 16 hexadecimal digits."""
     return take_digests()[1].hex()[:16]
