@@ -691,6 +691,7 @@ def test_links_are_links_and_the_way_back_is_kept(cube):
         for way, e, mu in ((page.go_back, "0.5", "0.2"), (page.go_back, "0.6", "0.2"), (page.go_forward, "0.5", "0.2")):
             drawn(page, way)
             assert (page.locator("#of-e").input_value(), page.locator("#of-mu").input_value()) == (e, mu)
+        page.wait_for_load_state("networkidle")  # to reload would break off what is under way, which is an error
         page.reload()
         page.wait_for_function("document.body.dataset.drawn >= 1")
         assert page.locator("#of-e").input_value() == "0.5"

@@ -200,7 +200,7 @@ def test_names_around_a_function_and_its_lines_stay():
     with pytest.raises(TypeError) as error:
         written(None, 1.0)
     assert error.traceback[1].lineno + 1 == place
-    assert NAME in function.__globals__ and not NAME.isidentifier()
+    assert NAME in written.__globals__ and not NAME.isidentifier()
 
 
 @pytest.mark.skipif(way() == PYTHON, reason="nothing is compiled")

@@ -17,21 +17,30 @@ import functools
 import inspect
 import textwrap
 from collections.abc import Callable, Sequence
-from math import inf, isfinite
+from math import fsum, inf, isfinite
 from numbers import Integral
 from typing import Any
 
 from numba import types
 from numba.extending import lower_builtin, type_callable
 
+SPLIT = 2.0**27 + 1.0  # leaves 26 digits of 53
+SMALL, LARGE = 1e-280, 1e280  # of a product, between which none of its parts is too small or too large
 NAME = "a * b + c, rounded once"  # of `fma` in a rewritten function: no name that sources can have
 
 
 def fma(a: Any, b: Any, c: Any) -> Any:
     """Return a * b + c, rounded once; of whole numbers a whole one."""
-    if all(isinstance(each, Integral) for each in (a, b, c)):
+    if not isinstance(a, float) and all(isinstance(each, Integral) for each in (a, b, c)):
         return a * b + c
     a, b, c = float(a), float(b), float(c)
+    product = a * b
+    if SMALL < abs(product) < LARGE and abs(a) < LARGE and abs(b) < LARGE:
+        first, second = SPLIT * a, SPLIT * b
+        first, second = first - (first - a), second - (second - b)  # the upper halves of their digits
+        rest, other = a - first, b - second
+        # Dekker's product (doi 10.1007/BF01397083) has no error, and fsum rounds once
+        return fsum((product, rest * other - (((product - first * second) - rest * second) - first * other), c))
     if not (isfinite(a) and isfinite(b)):
         return a * b + c
     if not isfinite(c):  # where a product is infinite by rounding alone
