@@ -685,13 +685,12 @@ def test_links_are_links_and_the_way_back_is_kept(cube):
             page.locator("a", has_text="base case").click(modifiers=["Control"])
         base.value.wait_for_function("document.body.dataset.drawn >= 1")
         assert base.value.locator("#of-e").input_value() == "0.6" and page.locator("#of-e").input_value() == "0.5"
-        page.go_back()  # the slice of the map
+        drawn(page, page.go_back)  # the slice of the map; the run is drawn again
         drawn(page, page.go_back)  # what it shows
         assert page.get_by_label("shown", exact=True).input_value() == "mode"
         for way, e, mu in ((page.go_back, "0.5", "0.2"), (page.go_back, "0.6", "0.2"), (page.go_forward, "0.5", "0.2")):
             drawn(page, way)
             assert (page.locator("#of-e").input_value(), page.locator("#of-mu").input_value()) == (e, mu)
-        page.wait_for_load_state("networkidle")  # to reload would break off what is under way, which is an error
         page.reload()
         page.wait_for_function("document.body.dataset.drawn >= 1")
         assert page.locator("#of-e").input_value() == "0.5"
