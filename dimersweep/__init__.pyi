@@ -7,6 +7,8 @@ from dimersweep import orbits as orbits
 from dimersweep import plots as plots
 from dimersweep import runs as runs
 from dimersweep import studies as studies
+from dimersweep.analysis.attractors.shares import attractors as attractors
+from dimersweep.analysis.fits.fitting import fit as fit
 from dimersweep.cubes.cube import names as names
 from dimersweep.cubes.findings import Minimum as Minimum
 from dimersweep.cubes.findings import PowerLaw as PowerLaw
@@ -23,7 +25,6 @@ from dimersweep.errors import PointError as PointError
 from dimersweep.errors import Stopped as Stopped
 from dimersweep.errors import StoreError as StoreError
 from dimersweep.exploring.serving import explore as explore
-from dimersweep.fits.fitting import fit as fit
 from dimersweep.parameters import Parameters as Parameters
 from dimersweep.runs import growth
 from dimersweep.runs.growth import Lyapunov as Lyapunov
@@ -38,7 +39,6 @@ from dimersweep.runs.run import Run as Run
 from dimersweep.runs.run import load_run as load_run
 from dimersweep.runs.simulating import simulate as simulate
 from dimersweep.storage.cubefiles import open_cube as open_cube
-from dimersweep.studies.attractors import attractors as attractors
 from dimersweep.studies.declared import make as make
 from dimersweep.studies.declared import read_declaration as read_declaration
 from dimersweep.studies.loops import loops as loops

@@ -23,7 +23,6 @@ def reachable(room: str, *modules: str) -> Callable[[str], Any]:
 
 
 def _accessor(data: Any) -> Any:
-    import_module("dimersweep.orbits")  # which draws the tables of orbits
     return import_module("dimersweep.runs.accessor").DatasetAccessor(data)
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from IPython.display import Markdown
 
+from dimersweep.analysis.orbits.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.orbit import COLUMNS, MULTIPLIERS, TEXTS
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.cubes.results import POINT_MESSAGES, POINT_STATUSES, RESULT
 from dimersweep.kernel.model.layout import HARMONICS
-from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.orbit import COLUMNS, MULTIPLIERS, TEXTS
 from dimersweep.parameters import RULES
 from dimersweep.symbols import (
     BASE,

@@ -11,7 +11,7 @@ from time import sleep
 import numpy as np
 import pytest
 
-from dimersweep.fits import Likelihood
+from dimersweep.analysis.fits import Likelihood
 from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.model.event_row import E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import (

@@ -8,8 +8,9 @@ import xarray as xr
 from numpy.testing import assert_allclose, assert_array_equal
 
 from dimersweep import attractors, names, orbits, plots, simulate, sweep
-from dimersweep.errors import ParameterError, StoreError
-from dimersweep.orbits.features import (
+from dimersweep.analysis.attractors.shares import drawn_starts
+from dimersweep.analysis.attractors.telling_apart import Attractor, distance, matched
+from dimersweep.analysis.orbits.features import (
     ALIKE_WITHIN,
     Carried,
     Features,
@@ -19,9 +20,8 @@ from dimersweep.orbits.features import (
     mirrors_of,
     shifted,
 )
+from dimersweep.errors import ParameterError, StoreError
 from dimersweep.parameters import Parameters
-from dimersweep.studies.attractors import drawn_starts
-from dimersweep.studies.telling_apart import Attractor, distance, matched
 from tests.checks.data import data
 from tests.checks.tables import multipliers
 

@@ -11,14 +11,14 @@ import xarray as xr
 from matplotlib.colors import to_rgb
 
 from dimersweep import names, orbits
+from dimersweep.analysis.borders.border_files import kept_part, make_borders, parts_of, plan_borders, read_borders
+from dimersweep.analysis.orbits.pictures import SMOOTH, _smoothed, draw_borders
 from dimersweep.cli import app
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.kernel.model.layout import MODES
-from dimersweep.orbits.pictures import SMOOTH, _smoothed, draw_borders
 from dimersweep.storage.formats.format import as_made
 from dimersweep.storage.store import Store, opened_store
 from dimersweep.studies import border_files
-from dimersweep.studies.border_files import kept_part, make_borders, parts_of, plan_borders, read_borders
 from tests.checks.conform import conforms
 from tests.checks.data import DATA
 

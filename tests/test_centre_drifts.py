@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from dimersweep import orbits, simulate
+from dimersweep.analysis.orbits.kinds import ball_fold
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.body import dimer_of
-from dimersweep.orbits.kinds import ball_fold
 from tests.checks.dimers import random_dimer
 
 BASE = {"spin": 144.0}

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import dimersweep
 from dimersweep import cli, fits, orbits, stability
-from dimersweep.cli.measuring import named, table_of
+from dimersweep.analysis.commands.measuring import named, table_of
 from dimersweep.inputs import as_numbers
 from dimersweep.studies.presets import presets
 from dimersweep.symbols import HIGHER, INSTEAD, PARAMETERS, PICTURE_KINDS, QUANTITIES

@@ -23,9 +23,9 @@ from sybil.parsers.rest import DocTestParser
 
 import dimersweep
 from dimersweep import refine, search, sweep
+from dimersweep.analysis.borders.border_files import Borders
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.parameters import Parameters
-from dimersweep.studies.border_files import Borders
 from dimersweep.studies.declared import Declaration, read_declaration
 from dimersweep.symbols import PARAMETERS, Picture
 

@@ -15,12 +15,12 @@ from matplotlib.figure import Figure
 
 import dimersweep
 from dimersweep import fits, names, orbits, plots
+from dimersweep.analysis.borders.border_files import read_borders
+from dimersweep.analysis.fits.measured import MEASURABLE
 from dimersweep.cubes.grid import axis_values, make_grid
 from dimersweep.errors import ParameterError
-from dimersweep.fits.measured import MEASURABLE
 from dimersweep.inputs import as_number, as_numbers
 from dimersweep.runs.accessor import DatasetAccessor
-from dimersweep.studies.border_files import read_borders
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.options import make_options
 

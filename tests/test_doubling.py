@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from dimersweep import orbits
-from dimersweep.orbits import bifurcation_curve
-from dimersweep.orbits.bifurcation_curve import DOUBLED_FOLD, BifurcationCurve, doubling
-from dimersweep.orbits.finding import checked
-from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.newton import newton
-from dimersweep.orbits.poincare import OrbitLost
+from dimersweep.analysis.orbits import bifurcation_curve
+from dimersweep.analysis.orbits.bifurcation_curve import DOUBLED_FOLD, BifurcationCurve, doubling
+from dimersweep.analysis.orbits.finding import checked
+from dimersweep.analysis.orbits.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.newton import newton
+from dimersweep.analysis.orbits.poincare import OrbitLost
 
 
 class KnownMap:

@@ -11,8 +11,8 @@ from scipy.stats import multivariate_normal
 
 import dimersweep
 from dimersweep import fits, orbits, simulate
+from dimersweep.analysis.fits.valley import Valley
 from dimersweep.errors import OrbitError, ParameterError, Stopped
-from dimersweep.fits.valley import Valley
 from tests.seams import before_each_misfit, every_line
 
 RADII = "path_radius", "radius"

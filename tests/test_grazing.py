@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from dimersweep import names, orbits
+from dimersweep.analysis.orbits.passage import TURN
+from dimersweep.analysis.orbits.specials import NO_GAP, least_gap
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.passage import TURN
-from dimersweep.orbits.specials import NO_GAP, least_gap
 
 GRAZING = {"A_r": 7.0, "e": 0.46}  # p1 begins to strike on its way down, and its hop falls from 0.529 to 0.455 periods
 LEAP = {"A_r": 7.0, "e": 0.59}  # p1 is so far off the plate that p2 strikes alone, and the map leaps

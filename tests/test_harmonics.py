@@ -10,8 +10,8 @@ import xarray as xr
 from typer.testing import CliRunner
 
 from dimersweep import ParameterError, Parameters, make, read_declaration, simulate, sweep
+from dimersweep.analysis.fits import Waveform
 from dimersweep.cli import app
-from dimersweep.fits import Waveform
 from dimersweep.kernel.model.layout import WAVES
 from tests import oracle
 from tests.checks.random_scenes import faults, parameters_of, scene_row

@@ -11,8 +11,8 @@ import xarray as xr
 
 import dimersweep
 from dimersweep import simulate
+from dimersweep.analysis.orbits.fate import Later
 from dimersweep.errors import ParameterError, StoreError
-from dimersweep.orbits.fate import Later
 from dimersweep.runs.growth import Lyapunov
 from dimersweep.storage.provenance import digest
 from dimersweep.symbols import HIGHER, PARAMETERS

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from dimersweep import names, orbits, simulate
+from dimersweep.analysis.attractors.shares import border_between
+from dimersweep.analysis.orbits import following
+from dimersweep.analysis.orbits.bifurcation_curve import on_border
+from dimersweep.analysis.orbits.border_grid import outwards
+from dimersweep.analysis.orbits.finding import of_run
+from dimersweep.analysis.orbits.kinds import BORDER_KINDS, COMPLEX, ComplexPair, ball_flip, ball_fold, change_of
+from dimersweep.analysis.orbits.poincare import OrbitLost
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits import following
-from dimersweep.orbits.bifurcation_curve import on_border
-from dimersweep.orbits.border_grid import outwards
-from dimersweep.orbits.finding import of_run
-from dimersweep.orbits.kinds import BORDER_KINDS, COMPLEX, ComplexPair, ball_flip, ball_fold, change_of
-from dimersweep.orbits.poincare import OrbitLost
-from dimersweep.studies.attractors import border_between
 from tests.checks.tables import multipliers
 
 # at spin 100 rad/s, all else as in the base case; found with a prototype of its own

@@ -6,12 +6,12 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from dimersweep import names, orbits, simulate
+from dimersweep.analysis.orbits.continuation import halved
+from dimersweep.analysis.orbits.edges import uncertainty
+from dimersweep.analysis.orbits.manifold import lag, slow_motion_of
+from dimersweep.analysis.orbits.newton import fixed_at, solve
+from dimersweep.analysis.orbits.orbit import orbit_of
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.orbits.continuation import halved
-from dimersweep.orbits.edges import uncertainty
-from dimersweep.orbits.manifold import lag, slow_motion_of
-from dimersweep.orbits.newton import fixed_at, solve
-from dimersweep.orbits.orbit import orbit_of
 from tests.checks.data import data
 
 

@@ -8,11 +8,11 @@ from numpy.testing import assert_allclose
 
 import dimersweep
 from dimersweep import orbits, simulate, stability, sweep
+from dimersweep.analysis.orbits import poincare
+from dimersweep.analysis.orbits.finding import rolled_up
+from dimersweep.analysis.orbits.kinds import change_of
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.kernel.model.layout import IMPACT_STEPS, MAX_EVENTS, STATUS_MESSAGES
-from dimersweep.orbits import poincare
-from dimersweep.orbits.finding import rolled_up
-from dimersweep.orbits.kinds import change_of
 from dimersweep.parameters import Parameters
 
 TOLD = ("radius", "period", "zeta", "speed", "precession_rate", "impact_phase")

@@ -14,16 +14,16 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import dimersweep
+from dimersweep.analysis.attractors.pictures import MOST_NAMED, attractors, looks_of
+from dimersweep.analysis.fits import Waveform
+from dimersweep.analysis.fits.pictures import draw_fit
+from dimersweep.analysis.orbits.pictures import draw_borders
 from dimersweep.cubes.cube import FLAGS, names
 from dimersweep.cubes.grid import make_points
 from dimersweep.errors import ParameterError
-from dimersweep.fits import Waveform
-from dimersweep.fits.pictures import draw_fit
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_JUMP, M_NOT_RUN, M_REST, MODES
-from dimersweep.orbits.pictures import draw_borders
 from dimersweep.plots import FIGURES, draw, energy_budget, last_cycle, movie, orbit, run_figure, view, write_picture
 from dimersweep.plots import playback as playing
-from dimersweep.plots.attractors import MOST_NAMED, attractors, looks_of
 from dimersweep.plots.orbits import END_COLORS, LEFT_OUT_COLOR
 from dimersweep.plots.runs import SLIPS, TERMS
 from dimersweep.plots.style import ROW_COLORS, mode_colors, row_colors

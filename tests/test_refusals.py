@@ -24,16 +24,16 @@ from dimersweep import (
     simulate,
     sweep,
 )
+from dimersweep.analysis.borders.border_files import read_borders
+from dimersweep.analysis.fits import Measured, circle, fit
 from dimersweep.cubes.findings import exponents
 from dimersweep.cubes.grid import make_grid
 from dimersweep.errors import UserError
 from dimersweep.exploring.page import LivePage
-from dimersweep.fits import Measured, circle, fit
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import M_DRIFT
 from dimersweep.parameters import Parameters
 from dimersweep.plots import draw
-from dimersweep.studies.border_files import read_borders
 from dimersweep.studies.declared import read_declaration
 from tests import own_observers
 from tests.checks.cubes import cube_of, radii

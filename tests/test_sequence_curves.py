@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from dimersweep import names, orbits
+from dimersweep.analysis.orbits.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.passage import rests, sides_of
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.kinds import BORDER_KINDS
-from dimersweep.orbits.passage import rests, sides_of
 from tests.checks.dimers import random_dimer
 from tests.checks.tables import multipliers
 

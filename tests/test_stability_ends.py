@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dimersweep import names, orbits, simulate
+from dimersweep.analysis.orbits.kinds import ball_flip, ball_fold
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.kinds import ball_flip, ball_fold
 from tests.checks.dimers import crossed, random_dimer
 from tests.checks.tables import multipliers
 

@@ -11,10 +11,10 @@ import xarray as xr
 
 import dimersweep
 from dimersweep import names, orbits, plots
+from dimersweep.analysis.orbits.pictures import draw_borders
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.contact_code import contact_state_name
 from dimersweep.kernel.model.event_row import E_KIND
-from dimersweep.orbits.pictures import draw_borders
 from dimersweep.symbols import PARAMETERS
 
 pytestmark = pytest.mark.jit
@@ -326,7 +326,7 @@ def test_public_names_are_all_that_the_package_and_its_rooms_show():
 def test_orbits_bring_what_their_tables_can_do_without_loading_matplotlib():
     program = """
 import sys
-from dimersweep.orbits import family
+from dimersweep.analysis.orbits import family
 import xarray
 assert hasattr(xarray.Dataset, "dimersweep") and "matplotlib" not in sys.modules
 from dimersweep.runs.accessor import DRAW_TABLE

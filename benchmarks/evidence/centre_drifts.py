@@ -18,8 +18,8 @@ from functools import partial
 import numpy as np
 
 from dimersweep import orbits, simulate
+from dimersweep.analysis.orbits.kinds import ball_fold
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.kinds import ball_fold
 from tests.checks.dimers import random_dimer
 
 SIZES, OFF, OFF_THERE = (1e-4, 3e-4), 0.01, 0.05

@@ -20,7 +20,7 @@ from constants_table import FACTORS, Constant, changed, meaning_of, numbers, pri
 
 import dimersweep
 
-ROOM = "dimersweep.orbits"
+ROOM = "dimersweep.analysis.orbits"
 FOLDER = Path(dimersweep.__file__).parent / "orbits"
 LONGEST = 60.0  # time of the processor for all answers [s]
 ALIKE = 1e-7  # relative difference of numbers up to which an answer is the same
@@ -93,7 +93,7 @@ def load_changed(one: Constant, factor: float) -> None:
 def questions() -> dict[str, Callable[[], list[Any]]]:
     """What is asked: names, and functions that answer with numbers and words."""
     from dimersweep import names, orbits, simulate
-    from dimersweep.orbits import features
+    from dimersweep.analysis.orbits import features
 
     both = features.Mirrors(True, False)
 
@@ -178,8 +178,8 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
 
 def answers(file: str) -> dict[str, tuple[list[Any], float]]:
     """All answers that a file has to do with, and the forcing periods of the map that each took."""
+    from dimersweep.analysis.orbits import poincare
     from dimersweep.errors import OrbitError, ParameterError
-    from dimersweep.orbits import poincare
 
     spent = [0.0]
     advance, images = poincare.advance, poincare.images

@@ -20,8 +20,8 @@ from itertools import pairwise
 import numpy as np
 
 from dimersweep import attractors, names, orbits, simulate
+from dimersweep.analysis.orbits.kinds import ball_fold
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.kinds import ball_fold
 from tests.checks.dimers import random_dimer
 
 BASIN = {"e": 0.7, "Gamma": 1.05, "f": 18, "A_r": 7, "r_1": 0.005, "r_2": 0.0051}  # unlike ends: three slow fates

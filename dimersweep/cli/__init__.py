@@ -12,11 +12,12 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from dimersweep.cli.drawing import explore, plot
-from dimersweep.cli.finding import attractors, later, lyapunov, orbits, power
-from dimersweep.cli.measuring import fit, waveform
+from dimersweep.cli.motion import lyapunov, power
 from dimersweep.cli.simulating import simulate
-from dimersweep.cli.sweeping import borders, merge, plan, presets, run, status, warm
+from dimersweep.cli.sweeping import merge, plan, presets, run, status, warm
 from dimersweep.errors import UserError, unknown
+from dimersweep.extensions import COMMANDS, is_installed, load
+from dimersweep.extensions import EXAMPLES as MORE_EXAMPLES
 
 INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
 
@@ -58,26 +59,21 @@ EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
     status: ("status fig08.nc",),
     plot: ("plot fig07.nc --select f=15", "plot fig14_16.nc --quantity radius"),
     explore: ("explore", "explore fig08.nc"),
-    borders: ("borders atlas", "borders my.toml --plan"),
-    orbits: (
-        "orbits --e 0.65 --f 22 --A_r 5 --mu 0.1 --mu_s 0.15",
-        "orbits --spin 100 --follow Gamma=1.3 --out branch.nc --plot branch.png",
-    ),
-    later: ("later --spin 110 --seconds 3h", "later --e 0.65 --f 22 --A_r 5 --mu 0.1 --mu_s 0.15 --seconds inf"),
     lyapunov: ("lyapunov --Gamma 3 --periods 300", "lyapunov --Gamma 3 --periods 300 --all --json"),
     power: ("power --Gamma 0.9 --f 15", "power --A_z 1mm --out budget.nc"),
-    fit: (
-        "fit track.csv e=0.55:0.75 spin=100:160 --mu 0.3 --mu_s 0.6 --plot fit.png",
-        "fit track.csv e=0.55:0.75 --t time --x x1 --y y1 --sigma 2mm --json",
-    ),
-    waveform: (
-        "waveform acc.csv --out plate.toml",
-        "waveform acc.csv --t time --z ch1 --x ch2 --plot plate.png",
-    ),
     warm: ("warm",),
-    attractors: ("attractors beta0=1deg:89deg xdot0=0.2:2 --e 0.8 --Gamma 1 --starts 100",),
 }
-for command, examples in EXAMPLES.items():
+
+
+def _all_commands() -> dict[Callable[..., None], tuple[str, ...]]:
+    """Return each command with its examples: those of the engine, and those that the analysis adds where it is installed."""
+    if not is_installed():
+        return EXAMPLES
+    examples = load(MORE_EXAMPLES, "commands")
+    return EXAMPLES | {load(place, name): examples[name] for name, place in COMMANDS.items()}
+
+
+for command, examples in _all_commands().items():
     shown = "\n\n".join(f"dimersweep {each}" for each in examples)
     app.command(cls=_Command, epilog=f"Examples:\n\n{shown}")(command)
 

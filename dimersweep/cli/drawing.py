@@ -99,8 +99,6 @@ def plot(
             opened = _selected(opened, each)
         if opened.dimersweep.is_cube:
             print_cube(tell, opened)
-        else:
-            from dimersweep import orbits  # noqa: F401 - pictures of tables
         draw_beside(tell, opened, picture, kind, quantity)
 
 

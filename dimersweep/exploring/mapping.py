@@ -9,22 +9,20 @@ import xarray as xr
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
-from dimersweep.cubes.cube import check_codes, column, names
+from dimersweep.cubes.cube import check_codes, names
 from dimersweep.cubes.findings import edges_of, is_geometric
 from dimersweep.errors import ParameterError
+from dimersweep.extensions import MAPS, load
 from dimersweep.kernel.model.layout import MODES
-from dimersweep.orbits.kinds import BORDER_KINDS
 from dimersweep.parameters import completed
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of, label, with_units
 from dimersweep.plots.view import as_shown
 from dimersweep.runs.behind import behind, parameters_of
 from dimersweep.runs.run import Run
-from dimersweep.runs.simulating import simulate
-from dimersweep.symbols import PARAMETERS, START, is_angle, units_shown
+from dimersweep.symbols import is_angle, units_shown
 
 MOST_CELLS = 250_000  # of one map: more would make the page slow
 SHADES = np.array([to_hex(color) for color in colormaps["viridis"](np.linspace(0, 1, 256))])
-STABILITY = {"stable": MODE_COLORS["drift"], "unstable": MODE_COLORS["rest"]}
 label_of = partial(label, tex=False)
 
 
@@ -79,7 +77,7 @@ class CubeMap:
     def part(self, asked: dict[str, str]) -> dict[str, Any]:
         """The cells of the part at places along `fixed` axes: where they lie, their colours, and what is said of each."""
         shown = one_of("shown", asked.get("shown", "mode"), self.shown)
-        fixed = {name: _place(name, asked.get(name, "0"), self.mode.sizes[name]) for name in self.fixed}
+        fixed = {name: place_of(name, asked.get(name, "0"), self.mode.sizes[name]) for name in self.fixed}
         x, y = self.axes[-1], self.axes[-2] if len(self.axes) > 1 else ""
         if self.points and y:
             x, y = (one_of(way, asked.get(way, name), self.axes) for way, name in (("right", x), ("up", y)))
@@ -130,51 +128,20 @@ class CubeMap:
         places = at.split(",")
         if len(places) != len(self.dims):
             raise ParameterError(f"at = {at}: must have a place along each of {', '.join(self.dims)}")
-        where = {name: _place(name, at, self.mode.sizes[name]) for name, at in zip(self.dims, places, strict=True)}
+        where = {name: place_of(name, at, self.mode.sizes[name]) for name, at in zip(self.dims, places, strict=True)}
         point = self.cube.isel(where)
         run, how = point.dimersweep.run(), behind(point).how
         periods = max(how.periods, run.n_periods)
         return run, {"periods": periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
 
 
-class BorderMap(CubeMap):
-    """The points of borders or of branches, in the colours of their kinds, as a page asks for them."""
-
-    def __init__(self, table: xr.Dataset) -> None:
-        parameter = table.attrs.get("parameter")
-        if parameter not in PARAMETERS:
-            kind = table.attrs.get("what", "orbits")
-            raise ParameterError(f"explore: a table of {kind} has no map; give borders or branches over a parameter")
-        frame = table.dimersweep.to_dataframe().reset_index()
-        varied = [name for name in PARAMETERS if name in frame and frame[name].nunique() > 1]
-        self.axes = ["radius", parameter] if varied == [parameter] else sorted(varied, key=[parameter, *varied].index)
-        known = np.isfinite(frame[[parameter, *self.axes]]).all(axis=1)  # there is no radius in a plane
-        frame = frame[known].reset_index(drop=True)
-        stability = frame["stable"].map({True: "stable", False: "unstable"})
-        words = frame.get("kind", stability if "kind" not in table.attrs else [table.attrs["kind"]] * len(frame))
-        self.labels = sorted(set(words))
-        self.colors = [BORDER_KINDS[word].color if word in BORDER_KINDS else STABILITY[word] for word in self.labels]
-        self.cube = frame.rename_axis("point").to_xarray().assign_attrs(table.attrs)
-        self.cube["mode"] = column("point", words, "kind of border, or stability", self.labels)
-        self.mode, self.dims, self.points, self.fixed, self.shown = self.cube["mode"], ["point"], True, [], ["mode"]
-        self.held = fixed_of(table)[0]
-
-    def parameters_at(self, point: xr.Dataset) -> dict[str, float]:
-        """Return the parameters of a point, which tells the orbit of any start; see `CubeMap`."""
-        given = {name: point[name].item() for name in PARAMETERS if name in point}
-        return {name: value for name, value in (self.held | given).items() if name not in START}
-
-    def run(self, at: str) -> tuple[Run, dict[str, Any]]:
-        """A run with the parameters of a point."""
-        row = self.cube.isel(point=_place("point", at, self.mode.size))
-        settings: dict[str, Any] = {"periods": 200, "rtol": 1e-8, "stop_when_settled": True}
-        given: dict[str, Any] = {name: row[name].item() for name in PARAMETERS if name in row}
-        return simulate(**self.held | given, **settings), settings
-
-
 def map_of(data: xr.Dataset) -> CubeMap:
     """The map of a cube, or of a table of borders or branches."""
-    return BorderMap(data) if isinstance(data, xr.Dataset) and "slow_multiplier" in data else CubeMap(data)
+    for mark, place in MAPS.items():
+        if isinstance(data, xr.Dataset) and mark in data:
+            map_: CubeMap = load(place, "explore")(data)
+            return map_
+    return CubeMap(data)
 
 
 def one_of(name: str, word: str, words: list[str]) -> str:
@@ -183,7 +150,7 @@ def one_of(name: str, word: str, words: list[str]) -> str:
     return word
 
 
-def _place(name: str, text: str, n: int) -> int:
+def place_of(name: str, text: str, n: int) -> int:
     if not (text.isdecimal() and int(text) < n):
         raise ParameterError(f"{name} = {text}: must be a place from 0 to {n - 1}")
     return int(text)

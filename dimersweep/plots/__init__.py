@@ -1,15 +1,14 @@
 """Pictures of cubes and of single runs; plain matplotlib figures, drawn without a display."""
 
-from typing import Unpack
+from typing import Any, Unpack
 
 import xarray as xr
 from matplotlib.figure import Figure
 
 from dimersweep.cubes.findings import drift_intervals, drift_lengths
 from dimersweep.errors import ParameterError
-from dimersweep.plots.attractors import attractors
+from dimersweep.extensions import PICTURES, load
 from dimersweep.plots.checking import check_cube
-from dimersweep.plots.circles import circles
 from dimersweep.plots.maps import mode_map, quantity_map
 from dimersweep.plots.modes import bifurcation, regions, segments
 from dimersweep.plots.orbits import impact_ends, least_period, paths, planar, shares, trends, walks
@@ -71,8 +70,13 @@ FIGURES = {
     "shares": shares,
     "planar": planar,
     "bifurcation": bifurcation,
-    "circles": circles,
 }
+
+
+def __getattr__(name: str) -> Any:
+    if name not in PICTURES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return load(PICTURES[name], name)
 
 
 def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = None, **look: Unpack[Look]) -> Figure:
@@ -95,4 +99,5 @@ def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = No
         return quantity_map(cube, quantity, **look)
     kind = kind or cube.attrs.get("plot", "mode_map")
     check_cube(kind, cube)
-    return FIGURES[kind](cube, **look)
+    drawn = FIGURES[kind] if kind in FIGURES else load(PICTURES[kind], kind)
+    return drawn(cube, **look)

@@ -1,7 +1,6 @@
 """What a result can do: ``cube.dimersweep.run(f=15, beta0="16 deg")``, ``branch.dimersweep.plot()``, ``.to_dataframe()``."""
 
 import warnings
-from collections.abc import Callable
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
@@ -12,6 +11,7 @@ import xarray as xr
 from dimersweep.cubes.cube import check_codes, names, number_of, same_number
 from dimersweep.cubes.findings import nearest
 from dimersweep.errors import ParameterError, unknown
+from dimersweep.extensions import TABLE_PICTURES, load
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.model.layout import M_DRIFT
@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from dimersweep.plots.style import Look
-
-
-DRAW_TABLE: list[Callable[..., Any]] = []  # what draws tables of orbits, which that room enters here
 
 
 def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
@@ -229,15 +226,15 @@ class DatasetAccessor:
         ParameterError
             If the data cannot be drawn so.
         """
-        from dimersweep.plots import attractors, check_picture, draw, write_picture
+        from dimersweep.plots import check_picture, draw, write_picture
 
         if path is not None:
             check_picture(path, force=force, name="picture")
-        drawing = [attractors] if "attractor" in self._data.variables else DRAW_TABLE
-        if self.is_cube or kind or quantity or not drawing:
+        if self.is_cube or kind or quantity:
             figure = draw(self._cube, kind, quantity=quantity, **look)
         else:
-            figure = drawing[0](self._data, **look)
+            place = next(place for mark, place in TABLE_PICTURES.items() if not mark or mark in self._data.variables)
+            figure = load(place, "plot")(self._data, **look)
         if path is not None:
             write_picture(figure, path, force=force)
         return figure

@@ -8,12 +8,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from dimersweep.cubes.cube import names
 from dimersweep.cubes.results import Along, Field
-from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count
-from dimersweep.kernel.batch import N_START, Workspace, is_stopped
-from dimersweep.kernel.model.layout import CODE_MODE, CODE_N_PERIODS, CODE_STATUS, M_DRIFT, OK, OUT, ROW
+from dimersweep.kernel.batch import N_START, Workspace
+from dimersweep.kernel.model.layout import CODE_MODE, CODE_N_PERIODS, CODE_STATUS, M_DRIFT, OK, ROW
 from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import states_of
 from dimersweep.runs.run import simulate_checked
@@ -106,38 +105,6 @@ class Certify(Observer):
         results = ran.results
         sure = certified(ran.rows, ran.how, results["out"], results["codes"], space)
         results["confidence"], results["error_estimate"] = sure
-
-
-@dataclass(frozen=True)
-class Sustained(Observer):
-    """The sustained spins of each dimer, and the one that attracts: of several that nearest to the run's, or the least."""
-
-    fields = (
-        Field("sustained", QUANTITIES["sustained"], "<i8"),
-        *(Field(f"sustained_{name}", QUANTITIES[f"sustained_{name}"]) for name in ("spin", "radius", "time")),
-    )
-
-    def settings(self) -> dict[str, Any]:
-        """See `Observer`."""
-        return {"sustained": True}
-
-    def observe(self, ran: Ran, space: Workspace) -> None:
-        """See `Observer`."""
-        from dimersweep.orbits.sustained import sustained  # which most sweeps do without
-
-        for row, result in zip(ran.rows, ran.results, strict=True):
-            if is_stopped(space):
-                return
-            try:  # each point by itself, not from its neighbours: numbers must not depend on tiles
-                found = sustained(**dict(zip(ROW, row.tolist(), strict=True)))
-            except OrbitError:
-                continue
-            result["sustained"] = (names(found["kind"]) != "cycle").sum()
-            attracts = found.isel(sustained=found["attracts"].values)
-            if attracts.sizes["sustained"]:
-                off = np.abs(attracts["spin"].values - abs(result["out"][OUT.index("spin")]))
-                for name, of in (("spin", "spin_low"), ("radius", "radius"), ("time", "slow_time")):
-                    result[f"sustained_{name}"] = attracts[of].values[off.argmin()]
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,13 @@ import xarray as xr
 
 from dimersweep.cubes.grid import Grid, make_grid, make_points
 from dimersweep.errors import ParameterError
+from dimersweep.extensions import OBSERVERS, load
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.parameters import check_level
 from dimersweep.runs.solving import run_settings
 from dimersweep.storage.provenance import check_attrs
 from dimersweep.studies.making import make_cube
-from dimersweep.studies.observers import Certify, Observer, Sustained, strobes_of
+from dimersweep.studies.observers import Certify, Observer, strobes_of
 from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Study
 from dimersweep.work.options import Given, with_options
@@ -47,7 +48,7 @@ def study_of(
     sure: tuple[Observer, ...] = (Certify(),) if check_switch("certify", certify) else ()
     if carry is not None and sure:
         raise ParameterError("certify: is for points that start by themselves, and goes without carry")
-    still = (Sustained(),) if check_switch("sustained", sustained) else ()
+    still = (load(OBSERVERS["sustained"], "sustained")(),) if check_switch("sustained", sustained) else ()
     if still:
         most = {name: float(np.abs(values).max()) for name, values in (grid.columns or grid.axes).items()}
         check_level(grid.fixed | most, "sustained spins")

@@ -3,9 +3,9 @@
 import numpy as np
 
 from dimersweep import orbits, sweep
+from dimersweep.analysis.orbits.kinds import ball_flip, ball_fold
+from dimersweep.analysis.orbits.passage import far_ends
 from dimersweep.errors import OrbitError
-from dimersweep.orbits.kinds import ball_flip, ball_fold
-from dimersweep.orbits.passage import far_ends
 
 ASIDE = 0.01  # share of the parameter by which a border is crossed
 STARTS = 400  # of which none may drift where no stable orbit is found

@@ -7,7 +7,7 @@ from pathlib import Path
 import xarray as xr
 
 from dimersweep import attractors, loops, observer, orbits, refine, search, simulate, sweep
-from dimersweep.orbits import PeriodicOrbit
+from dimersweep.analysis.orbits import PeriodicOrbit
 from dimersweep.runs.run import Run
 
 BETA0 = {"start": 4, "stop": 86, "num": 42, "unit": "deg"}

@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from dimersweep import Run, orbits, search, simulate, sweep
+from dimersweep.analysis.orbits import PeriodicOrbit
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.layout import M_DRIFT, M_NOT_RUN
-from dimersweep.orbits import PeriodicOrbit
 from dimersweep.runs.outcomes import Absent, Orbit
 from dimersweep.symbols import BASE
 

@@ -5,8 +5,8 @@ from lab import Lab, drift_orbit
 from ledger import Finding, claim, found
 
 from dimersweep import Run, names
+from dimersweep.analysis.orbits.kinds import ball_fold
 from dimersweep.cubes.findings import circle_through
-from dimersweep.orbits.kinds import ball_fold
 
 
 def cycle_times(run: Run) -> np.ndarray:

@@ -7,9 +7,9 @@ from ledger import Finding, claim, found
 from sect3 import cycle_times, last_double_impact, slip_of_p1
 
 from dimersweep import Run, names
+from dimersweep.analysis.orbits.kinds import ball_flip, ball_fold
 from dimersweep.cubes.findings import drift_intervals, drift_lengths, runs_of, stick_ratio
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
-from dimersweep.orbits.kinds import ball_flip, ball_fold
 from dimersweep.parameters import dimer_from
 
 NO_GROWTH = 1e-6  # growth of the radius a period that is none: a spiral of Fig. 10 shrinks by 1.7e-6

@@ -1,0 +1,1 @@
+"""Attractors: which motions there are, the share of starts that comes to each, and their picture."""

@@ -1,0 +1,469 @@
+"""What motions there are: attractors told apart from drawn starts, and the share of the starts that each of them takes."""
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from math import nan, tau
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.analysis.attractors.telling_apart import Attractor, Classifier, distance, matched
+from dimersweep.analysis.orbits.features import Mirrors, features_of_orbit, mirrors_of
+from dimersweep.analysis.orbits.finding import find
+from dimersweep.analysis.orbits.following import traced
+from dimersweep.analysis.orbits.kinds import kind_words
+from dimersweep.analysis.orbits.orbit import COLUMNS, PeriodicOrbit, multiplier_columns, padded
+from dimersweep.analysis.orbits.slow_flow import SPIN_KINDS
+from dimersweep.analysis.orbits.sustained import MEANINGS
+from dimersweep.cubes.cube import column, coordinate, finished, fixed_coordinates
+from dimersweep.cubes.grid import Grid, axis_values, fixed_value, make_points
+from dimersweep.cubes.results import Field
+from dimersweep.errors import ParameterError
+from dimersweep.inputs import as_number, check_count, check_switch
+from dimersweep.kernel.model.layout import CODE_N_PERIODS, M_NOT_RUN, MODES, WAVES
+from dimersweep.parameters import check_level, check_name, moved_on, spelt_out, value_of
+from dimersweep.runs.solving import run_settings
+from dimersweep.storage.cubefiles import write_cube
+from dimersweep.storage.outputs import TABLES, check_output
+from dimersweep.storage.provenance import attributes
+from dimersweep.studies.making import in_memory
+from dimersweep.studies.observers import EndStates, Observer
+from dimersweep.studies.observing import own_of
+from dimersweep.studies.point_tables import between
+from dimersweep.studies.study import Study
+from dimersweep.symbols import INSTEAD, PARAMETERS, START, Quantity
+from dimersweep.work.computing import settle_way
+from dimersweep.work.options import make_options
+
+TITLE = "Attractors and the shares of starts that lead to them"
+STARTING = (*START, "phi0")  # parameters that starts are drawn from
+NONE = -1  # in place of the number of a start
+FATES = ("none", *SPIN_KINDS, *MODES[1:])  # of a spin that stays somewhere, or of a motion that leaves its family
+OF_AN_ORBIT = tuple(name for name in COLUMNS if name != "cost")  # numbers of an orbit that each attractor has
+
+
+def border_between(orbit: PeriodicOrbit, name: str, to: float) -> tuple[float, str]:
+    """Where the branch of an orbit first loses its stability, or ends, on the way to a value of a parameter, and its kind.
+
+    The spin is kept. The kind is that of a border of `orbits`, word where the orbit leaps to another sequence, lost where
+    Newton's method loses it; none, with NaN, if the orbit goes on all the way: then only its basin was not met. An orbit
+    that comes to repeat after fewer periods has joined that of these, where the latter loses its stability.
+    """
+    trace = traced(orbit, name, to)
+    for entry in trace.entries:
+        if entry.kind is not None and not entry.kind.of_sequence:
+            return entry.value, entry.kind.name
+        shorter = features_of_orbit(entry.orbit, Mirrors(plane=False, ends=False)).least_period()
+        if shorter < orbit.periods:
+            return border_between(find(guess=entry.orbit, periods=shorter), name, value_of(name, orbit.parameters))
+    why = trace.end.partition(":")[0]
+    return (trace.entries[-1].value, why) if why in ("word", "lost") else (float("nan"), "none")
+
+
+def attractors(
+    ranges: Mapping[str, Any] | None = None,
+    fixed: Mapping[str, Any] | None = None,
+    *,
+    points: Any = None,
+    starts: int = 1000,
+    seed: int = 0,
+    over: Mapping[str, Any] | None = None,
+    periods: int,
+    max_periods: int | None = None,
+    rtol: float = 1e-8,
+    mirror: bool = True,
+    level: float = 0.95,
+    confirm: int = 0,
+    slow: bool = False,
+    observe: Any = None,
+    out: str | os.PathLike[str] | None = None,
+    force: bool = False,
+    workers: int | None = None,
+    progress: bool = True,
+) -> xr.Dataset:
+    """What motions there are, from drawn starts, and which share of the starts comes to each.
+
+    Motions are told apart by their period and by their place at the same spin: the gaps of both ends at eight phases of the
+    plate in each period, and the turn of the heading. For that the orbit of one run of each is found, and carried along its
+    slow family to the spins of the others. Rest, motions that do not repeat, and runs that have failed are one each, by their
+    mode.
+
+    Parameters
+    ----------
+    ranges : mapping of str to pair, mapping or "any"
+        Parameters to draw from, each independently of the others. A pair has the least and the greatest value, such as
+        ``{"beta0": ("1 deg", "89 deg")}``; draws are even between them. A value that is met within a tolerance is
+        ``{"value": "16 deg", "within": "1 deg"}``, even from 15 to 17 degrees, or normal with a standard deviation:
+        ``{"value": "16 deg", "sigma": "1 deg"}``. The phase `phi0` may be "any".
+    fixed : mapping of str to float, optional
+        Parameters that differ from the paper's base case.
+    points : mapping of str to array_like, pandas.DataFrame or xarray.Dataset, optional
+        The starts, as columns, in place of ranges.
+    starts : int
+        How many are drawn.
+    seed : int
+        Of the draw.
+    over : mapping of str to array_like or mapping, optional
+        One parameter and its values, as an axis of `sweep`: the same starts are made at each. Attractors are matched from
+        value to value by following their orbits.
+    periods, max_periods, rtol
+        Of the runs, as in `sweep`; a run stops when its motion has settled.
+    mirror : bool
+        Whether mirror images count as one motion: in the vertical plane of the axis and, where both ends are
+        alike, with the ends swapped.
+    level : float
+        Confidence of the intervals, in (0, 1).
+    confirm : int
+        If above 0, a run of each attractor is made for so many forcing periods: `confirmed` says if it is still there.
+    slow : bool
+        Whether starts are told apart by where their spin comes to in the end, as `orbits.later` says of an infinite time, and
+        not by their family.
+    observe : callable or str, optional
+        An observer of your own, as in `sweep`: what it makes of the run of each start stands along `start`.
+    out : path-like, optional
+        NetCDF file to write the result to as well.
+    force : bool
+        Whether it may replace an existing file.
+    workers : int, optional
+        Threads; by default one for each core.
+    progress : bool
+        Whether to show finished runs on stderr.
+
+    Returns
+    -------
+    xarray.Dataset
+        Over the values of `over`, if given, and `attractor`, numbered from 1, the most frequent first: `count`, `share` [1]
+        and the ends `share_low` and `share_high` of its interval by Wilson's score; the number of a `representative` start
+        along `start`; `mode` (not_run where it is not met), `periods` and `word`; whether its `orbit` was found where the run
+        of the representative ends, and the numbers of that, NaN without one: `spin`, `radius`, `period`, `zeta`, `speed`,
+        `multipliers_real` and others. `basin` has the attractor of each start. Words are flags (see `names`). With `slow` the
+        orbit is that to which the spin comes; `fate`, `spin_low` and `spin_high` are `kind` and spins of `orbits.sustained`;
+        `fate` is "kept" where no spin changes, the mode for those that leave the family, and none where it is not known.
+        With `over`, along `change`: which attractor appears or goes, between which values, and the `border` that `orbits` has
+        for it on the way. The attribute `cost` is the number of forcing periods of the runs of all starts.
+
+    Raises
+    ------
+    ParameterError
+        For a parameter or a setting that is not allowed, before any work.
+    StoreError
+        If the file exists or cannot be written, before any work.
+    UnfinishedError, Stopped
+        As by `sweep`.
+
+    Examples
+    --------
+    >>> from dimersweep import attractors, names
+    >>> found = attractors({"beta0": ("1 deg", "89 deg")}, starts=40, periods=200, progress=False)
+    >>> names(found["mode"]).values.tolist()
+    ['rest', 'drift']
+    >>> release = {"beta0": {"value": "16 deg", "within": "0.5 deg"}, "xdot0": (0.95, 1.05)}
+    >>> attractors(release, starts=40, periods=200, progress=False)["share"].values.tolist()
+    [1.0]
+    """
+    out, began = None if out is None else check_output(out, force=force, what="a table", endings=TABLES), perf_counter()
+    how = run_settings(periods=periods, max_periods=max_periods, rtol=rtol)
+    fixed = _without_phase(fixed, points if ranges is None else ranges)
+    columns = drawn_starts(ranges, fixed, points, starts, seed)
+    name, values = _axis_of(over, columns)
+    mirrored, wanted = check_switch("mirror", mirror), as_number("level", level)
+    if not 0 < wanted < 1:
+        raise ParameterError(f"level = {wanted:g}: must be in (0, 1)")
+    longest = 0 if confirm == 0 else check_count("confirm", confirm)
+    table = {key: np.tile(column, values.size) for key, column in columns.items()}
+    if name:
+        table[name] = np.repeat(values, len(next(iter(columns.values()))))
+    drawn = _on_one_plate(make_points(table, fixed), name)
+    columns = {key: each[: each.size // values.size] for key, each in drawn.columns.items() if key != name}
+    own = own_of(observe, drawn.size, how, others=(EndStates(),), axes=(*drawn.columns, *_NAMES))
+    study = Census(
+        grid=drawn,
+        how=how,
+        observers=(EndStates(), *own),
+        starts=columns,
+        over=name,
+        values=values,
+        mirror=mirrored,
+        level=wanted,
+        confirm=longest,
+        slow=check_switch("slow", slow),
+    )
+    settle_way(progress=progress)
+    data = study.as_cube(in_memory(study, make_options(workers=workers, progress=progress))[0])
+    if out is not None:
+        asked = {"periods": periods, "max_periods": max_periods, "rtol": rtol, "mirror": mirrored, "level": wanted}
+        write_cube(data.assign_attrs(attributes(asked, TITLE, perf_counter() - began)), out, force=force)
+    return data
+
+
+def drawn_starts(ranges: Any, fixed: Any, points: Any, starts: int, seed: int) -> dict[str, np.ndarray]:
+    """Columns of starts: those of a table, or drawn independently from ranges, whose ends are checked as starts.
+
+    Raises
+    ------
+    ParameterError
+        Naming what is not allowed.
+    """
+    if (ranges is None) == (points is None):
+        raise ParameterError("ranges: give either ranges to draw from or points")
+    if points is not None:
+        columns = make_points(points).columns
+        _check_starts(columns)
+        return columns
+    if not isinstance(ranges, Mapping) or not ranges:
+        raise ParameterError(f"ranges = {ranges!r}: must be a mapping of parameters to pairs such as (0.1, 0.5)")
+    _check_starts(ranges)
+    count = check_count("starts", starts)
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ParameterError(f"seed = {seed!r}: must be a whole number >= 0")
+    spreads, draw = {name: _spread(name, given) for name, given in ranges.items()}, np.random.default_rng(int(seed))
+    make_points({name: ends for name, (*ends, _) in spreads.items()}, fixed)
+    return {
+        name: draw.normal(low, sigma, size=count) if sigma else between(low, high, False, draw.random(count))
+        for name, (low, high, sigma) in spreads.items()
+    }
+
+
+def _check_starts(names: Iterable[str]) -> None:
+    """Refuse to draw what makes another dimer or another plate: motions are compared on one."""
+    for name in names:
+        check_name(name)
+        if name not in STARTING:
+            raise ParameterError(f"{name}: is no part of a start; draw from {', '.join(STARTING)}")
+
+
+def _spread(name: str, given: Any) -> tuple[float, float, float]:
+    """The ends of a range and 0; of a normal one its mean, twice, and its standard deviation. In SI units."""
+    if name == "phi0" and isinstance(given, str) and given == "any":
+        return 0.0, tau, 0.0
+    if isinstance(given, Mapping) and {*given} in ({"value", "within"}, {"value", "sigma"}):
+        way = "sigma" if "sigma" in given else "within"
+        value, by = (fixed_value(name, given[each]) for each in ("value", way))
+        if by < 0:
+            raise ParameterError(f"{name}: {way} = {by:g}: must be >= 0")
+        return (value, value, by) if way == "sigma" else (value - by, value + by, 0.0)
+    if not isinstance(given, list | tuple | np.ndarray) or len(given) != 2:
+        about = '{"value": ..., "within": ...} or {"value": ..., "sigma": ...}'
+        raise ParameterError(f"{name} = {given!r}: must be a pair of its least and its greatest value, or {about}")
+    low, high = axis_values(name, given).tolist()
+    return low, high, 0.0
+
+
+def _without_phase(fixed: Any, drawn: Any) -> Any:
+    """Fixed parameters with harmonics of the plate spelt out, but for the phase 0 of the first one where phases are drawn."""
+    drawn = drawn.keys() if hasattr(drawn, "keys") else ()
+    if "phi0" not in drawn or not isinstance(fixed, Mapping) or fixed.get("harmonics") is None:
+        return fixed
+    later = {name: fixed[name] for name in fixed if name in INSTEAD}  # what they depend on may vary
+    told = spelt_out({name: fixed[name] for name in fixed if name not in INSTEAD})
+    return {name: value for name, value in told.items() if name != "phi0" or value} | later
+
+
+def _on_one_plate(drawn: Grid, over: str) -> Grid:
+    """The starts, with harmonics of the plate turned along with the phase that each start has, so that all are on one plate.
+
+    Raises
+    ------
+    ParameterError
+        For a plate on which the heading counts, or a phase of a harmonic over which the attractors are to be followed.
+    """
+    plate = drawn.fixed | drawn.columns
+    check_level({name: float(np.abs(value).max()) for name, value in plate.items()}, "attractors")
+    if "phi0" not in drawn.columns:
+        return drawn
+    if any(over == phase for _, phase in WAVES[0][1:]):
+        raise ParameterError(f"{over}: cannot be followed from starts at several phases phi0; give one")
+    idle = [intensity for intensity, _ in WAVES[0][1:] if not np.any(plate.get(intensity, 0.0))]
+    moved = moved_on({name: value for name, value in plate.items() if name not in idle} | {"phi0": 0.0}, plate["phi0"])
+    columns = {name: value for name, value in moved.items() if np.ndim(value)}
+    return make_points(columns, {name: value for name, value in moved.items() if name not in columns})
+
+
+def _axis_of(over: Mapping[str, Any] | None, columns: Mapping[str, np.ndarray]) -> tuple[str, np.ndarray]:
+    """Name and values of the parameter over which attractors are followed; no name and one value without one."""
+    if over is None:
+        return "", np.zeros(1)
+    if not isinstance(over, Mapping) or len(over) != 1:
+        raise ParameterError(f"over = {over!r}: must be a mapping of one parameter to its values")
+    ((name, declared),) = over.items()
+    values = axis_values(name, declared)
+    if name in columns:
+        raise ParameterError(f"{name}: is drawn and given in over; give it once")
+    return name, values
+
+
+@dataclass(frozen=True, kw_only=True)
+class Census(Study):
+    """Drawn starts, the same at each value of a parameter, and the attractors that they come to; see `Study`.
+
+    Parameters
+    ----------
+    starts : dict of str to ndarray
+        Columns of the starts.
+    over : str
+        The parameter; empty for none.
+    values : ndarray
+        Its values.
+    mirror : bool
+        Whether mirror images count as one motion.
+    level : float
+        Confidence of the intervals.
+    confirm : int
+        Forcing periods of a longer run of each attractor; 0 for none.
+    slow : bool
+        Whether starts are told apart by where their spin comes to in the end.
+    """
+
+    observers: tuple[Observer, ...] = (EndStates(),)
+    starts: dict[str, np.ndarray]
+    over: str
+    values: np.ndarray
+    mirror: bool
+    level: float
+    confirm: int
+    slow: bool
+
+    def as_cube(self, results: np.ndarray) -> xr.Dataset:
+        """See `Study`: attractors from value to value, numbered as they appear; those that are known keep their numbers."""
+        known: dict[int, Attractor] = {}  # as each was seen last
+        rows: list[dict[int, Attractor]] = []  # of each value: number from 0, and what it is there
+        checks: list[dict[int, bool]] = []
+        for k, value in enumerate(self.values.tolist()):
+            classifier = self._classifier(k, results)
+            found, row = classifier.attractors(), {}
+            found = classifier.by_fate(found) if self.slow else found
+            costs = [
+                [distance(old, new, self.over, value, classifier.mirrors) for new in found] for old in known.values()
+            ]
+            pairs = {new: old for old, new in matched(np.array(costs)).items()} if known else {}
+            for j, attractor in enumerate(found):
+                number = pairs.get(j, len(known))
+                known[number] = row[number] = attractor
+            rows.append(row)
+            if self.confirm:
+                checks.append({number: classifier.confirmed(each, self.confirm) for number, each in row.items()})
+        data = self._labelled(rows, len(known))
+        axis = self.over or "value"
+        if checks:
+            table = [[row.get(k, False) for k in range(len(known))] for row in checks]
+            data["confirmed"] = column((axis, "attractor"), table, "whether a longer run is still there")
+        for each in (field for observer in self.observers[1:] for field in observer.fields):
+            data[each.name] = self._of_each_start(each, results[each.name], axis)
+            if each.along:
+                data = data.assign_coords({each.along.name: coordinate(*each.along)})
+        if not self.over:
+            data = data.isel({axis: 0})
+        else:
+            data = data.assign_coords({axis: (axis, self.values, PARAMETERS[axis].attributes())})
+            self._add_changes(data, rows)
+        cost = float(results["codes"][:, CODE_N_PERIODS].sum())
+        data = data.assign_coords(fixed_coordinates(self.grid.fixed)).assign_attrs(plot="attractors", cost=cost)
+        return finished(data, TITLE)
+
+    def _labelled(self, rows: Sequence[Mapping[int, Attractor]], number: int) -> xr.Dataset:
+        """The attractors of each value, so many in all, and the one of each start."""
+        from scipy.stats import binomtest
+
+        def table(empty: Any, read: Callable[[Attractor], Any]) -> np.ndarray:
+            return np.array([[read(row[k]) if k in row else empty for k in range(number)] for row in rows])
+
+        axis, n = self.over or "value", self.size // self.values.size
+        over, nothing = (axis, "attractor"), padded(np.zeros(0))
+        data = xr.Dataset(coords={"attractor": column("attractor", 1 + np.arange(number), "its number")})
+        for name, (said, empty, read, *words) in (_READ | (_FATE if self.slow else {})).items():
+            data[name] = column(over, table(empty, read), said, *words)
+        multipliers = table(nothing, lambda one: nothing if one.orbit is None else padded(one.orbit.multipliers))
+        data.update(multiplier_columns((*over, "multiplier"), multipliers))
+        data["share"] = column(over, data["count"] / n, "share of the starts")
+        counts = data["count"].values.tolist()
+        # doi 10.1080/01621459.1927.10502953
+        intervals = [[binomtest(count, n).proportion_ci(self.level, "wilson") for count in row] for row in counts]
+        for end, bound in zip(("low", "high"), np.moveaxis(np.array(intervals), -1, 0), strict=True):
+            data[f"share_{end}"] = column(over, bound, f"{end} end of the share's interval")
+            data[f"share_{end}"].attrs["level"] = self.level
+        basin = np.zeros((len(rows), n), dtype=np.int64)
+        for k, row in enumerate(rows):
+            for place, attractor in row.items():
+                basin[k, attractor.members] = place + 1
+        data["basin"] = column((axis, "start"), basin, "number of the attractor that a start leads to")
+        return data.assign_coords({key: column("start", each, PARAMETERS[key]) for key, each in self.starts.items()})
+
+    def _of_each_start(self, field: Field, values: np.ndarray, axis: str) -> xr.Variable:
+        """What an observer tells of each start."""
+        dims = (axis, "start", *([field.along.name] if field.along else []))
+        return column(dims, values.reshape(self.values.size, -1, *field.shape), field.quantity)
+
+    def _classifier(self, k: int, results: np.ndarray) -> Classifier:
+        """What tells the motions at one of the values apart."""
+        n = self.size // self.values.size
+        here, _ = self.grid.window(k * n, (k + 1) * n)
+        first = here.fixed | {key: float(column[0]) for key, column in here.columns.items()}
+        return Classifier(here, self.how, results[k * n : (k + 1) * n], mirrors_of(first, self.mirror))
+
+    def _add_changes(self, data: xr.Dataset, rows: Sequence[Mapping[int, Attractor]]) -> None:
+        """Where an attractor appears or goes between two values, and the border that its orbit has there."""
+        changes = []
+        for k in range(len(rows) - 1):
+            for number in sorted(rows[k].keys() ^ rows[k + 1].keys()):
+                goes = number in rows[k]
+                attractor = rows[k if goes else k + 1][number]
+                beyond = float(self.values[k + 1 if goes else k])
+                border = (float("nan"), "none")
+                if attractor.orbit is not None:
+                    border = border_between(attractor.orbit, self.over, beyond)
+                changes.append((number + 1, "goes" if goes else "appears", *self.values[k : k + 2], *border))
+        words = {"what": ("appears", "goes"), "border_kind": (*kind_words(), "lost")}
+        for k, (name, kind, units, meaning) in enumerate(_CHANGE):
+            entries: np.ndarray = np.array([row[k] for row in changes], dtype=kind)
+            unit = PARAMETERS[self.over].units if units is None else units
+            data[name] = column("change", entries, Quantity(unit, meaning), words.get(name, ()))
+
+
+def _of_orbit(name: str, attractor: Attractor) -> float:
+    return nan if attractor.orbit is None else float(getattr(attractor.orbit, name))
+
+
+def _sequence(attractor: Attractor) -> str:
+    if attractor.orbit is not None:
+        return attractor.orbit.sequence
+    return "" if attractor.features is None else attractor.features.sequence
+
+
+# variables of each attractor: meaning, what stands where it is not met, how it is read, and the words of a flag
+_READ: dict[str, Any] = {
+    "count": ("number of starts that lead there", 0, lambda one: one.members.size),
+    "mode": ("mode of the representative", MODES[M_NOT_RUN], lambda one: one.mode, MODES),
+    "periods": (
+        "forcing periods after which it repeats; 0 if it does not",
+        0,
+        lambda one: 0 if one.features is None else one.features.periods,
+    ),
+    "word": ("sequence of contact states", "", _sequence),
+    "representative": ("number of a start that leads there", NONE, lambda one: one.representative),
+    "orbit": ("whether its orbit was found", False, lambda one: one.orbit is not None),
+    "stable": ("whether an orbit was found that is stable", False, lambda one: bool(one.orbit and one.orbit.stable)),
+} | {name: (COLUMNS[name], nan, partial(_of_orbit, name)) for name in OF_AN_ORBIT}
+# with `slow`
+_FATE: dict[str, Any] = {
+    "fate": ("how the spin stays where it comes to", "none", lambda one: one.fate.kind if one.fate else "none", FATES),
+    "spin_low": (MEANINGS["spin_low"], nan, lambda one: one.fate.low if one.fate else nan),
+    "spin_high": (MEANINGS["spin_high"], nan, lambda one: one.fate.high if one.fate else nan),
+}
+# variables of a change: name, type, unit (that of the parameter, if None), meaning
+_CHANGE = (
+    ("changed", np.int64, "1", "number of the attractor that appears or goes"),
+    ("what", str, "1", "whether it appears or goes"),
+    ("last", float, None, "value before the change"),
+    ("next", float, None, "value behind the change"),
+    ("border", float, None, "where its orbit ends or loses its stability"),
+    ("border_kind", str, "1", "kind of that border"),
+)
+# names that the result has besides the columns of its starts
+_NAMES = (
+    *("attractor", "start", "multiplier", "change", "value", "share", "share_low", "share_high", "basin", "confirmed"),
+    *("multipliers_real", "multipliers_imag", *_READ, *_FATE, *(name for name, *_ in _CHANGE)),
+)

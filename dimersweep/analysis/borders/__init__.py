@@ -1,0 +1,1 @@
+"""Files of borders: what they declare, and how their tables are made part by part."""

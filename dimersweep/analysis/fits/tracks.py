@@ -1,0 +1,410 @@
+"""A track of the centre of mass: the circle or the cycloid that fits it, with the covariance of what it gives.
+
+No dimer goes round a circle quite evenly. It swings about the mean path within each forcing period, which counts where the
+times are those of few phases of the plate; and its velocity drifts, which counts where a track is long and, where it turns
+against the heading, always. What a track shows of both follows from the orbit: `Track.of`.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.fft import fft, fftfreq, next_fast_len
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+from scipy.special import exprel
+from scipy.stats import f as variance_ratio
+
+from dimersweep.analysis.fits.measured import Measured
+from dimersweep.analysis.orbits.orbit import PeriodicOrbit
+from dimersweep.analysis.orbits.passage import TURN
+from dimersweep.errors import ParameterError
+from dimersweep.inputs import as_number, as_numbers, check_labels
+
+LEAST_TURN = 0.05  # turns in a track that are tried at least
+TURN_PARTS = 4  # rates that are tried in each further turn
+MOST_TURNS_TRIED = 2**20  # in a track that are tried at most: the transforms have 8 million bins then
+PER_STEP = 1.5  # turns in the usual step of the times that are tried at most: half a turn, and an alias either way
+WORTH = 0.35  # share of what the best rate takes off from which one is tried exactly: bins take up to 0.6 of it away
+TRIED, TRIED_POINTS = 64, 2000  # of the best and of the slowest of them that are tried exactly, and on how many points
+RATE_VALLEY = 1.0  # distance of two minima at least, in radians in the whole track
+SAME_TIME = 1e-9  # step of the times, over the whole track, up to which it comes of rounding
+FEW_POINTS = 0.25  # share of the times that have fewer rows than most
+CHANCE_OF_ALIAS = 0.0027  # probability of a misfit so much above the best one from which on it is about as good
+TIME_ROUNDING = 1e-9  # error of a coordinate at least, in radii: that of numbers without errors
+FAST_TURN, FASTER = 1.0, 10.0  # speed of a fast dimer [m s-1]; how much faster than it, or than the track, none is
+APART_IN_TIME = 3.0  # errors from which on it is told how far places of one time are apart
+LEAST_OWN = 1e-3  # share of a circle that is none of what stands still, below which it is not told apart
+SLOW_POINTS = 20  # points of a track, with which two further coefficients cost little
+SPIRAL_STEPS = 64  # of a turn, by which the path of an orbit is summed
+CYCLOID = ("path_radius", "period", "x", "y", "v_x", "v_y")  # numbers of one; those of a circle are the first four
+Minimum = tuple[float, np.ndarray]  # of the misfit: a rate, in radians in the whole track, and coefficients
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """The circle, or the cycloid, that fits a track best.
+
+    Attributes
+    ----------
+    values : dict
+        `path_radius` [m] and `period` [s] of the turn, the centre `x`, `y` [m] in the middle of the track's times, and its
+        velocity `v_x`, `v_y` [m s-1] if it moves.
+    covariance : ndarray, shape (n, n)
+        Of these, in their order.
+    sense : int
+        1 if it turns counterclockwise, else -1.
+    sigma : float
+        Standard deviation of the error of each coordinate [m]: the given one, or what the residuals say, less what is left of
+        them because rate and radius drift slowly.
+    times : ndarray, shape (n,)
+        Those that count [s]: in order, without copies of a row and the ends of rounded times.
+    moving : bool
+        Whether the centre may move, as that of a cycloid.
+    others : tuple of Track
+        Faster turns that fit about as well, because the times do not tell them from this one; those too fast are left out.
+    notes : tuple of str
+        In words, what else is to be known: there are others, the speed is none of a dimer, the places of one time differ.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep import fits
+    >>> t, rng = np.linspace(0, 20, 200), np.random.default_rng(1)
+    >>> x, y = 4 * np.cos(0.2 * t), 4 * np.sin(0.2 * t)
+    >>> track = fits.circle(t, x + rng.normal(0, 0.01, 200), y + rng.normal(0, 0.01, 200))
+    >>> round(track.values["path_radius"], 2), track.sense, round(track.sigma, 3)
+    (4.0, 1, 0.01)
+    >>> t = np.arange(0, 600, 30)  # a turn in 36 s, seen every 30 s
+    >>> track = fits.circle(t, 4 * np.cos(t / 36 * 2 * np.pi), 4 * np.sin(t / 36 * 2 * np.pi))
+    >>> [(round(one.values["period"]), one.sense) for one in (track, *track.others)]
+    [(180, -1), (36, 1), (26, -1)]
+    """
+
+    values: dict[str, float]
+    covariance: np.ndarray
+    sense: int
+    sigma: float
+    times: np.ndarray
+    moving: bool
+    others: tuple["Track", ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Standard deviations."""
+        return dict(zip(self.values, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def measured(self) -> Measured:
+        """Radius and period with their covariance, for `fit`."""
+        return Measured(CYCLOID[:2], np.array(list(self.values.values())[:2]), self.covariance[:2, :2], self)
+
+    def of(self, orbit: PeriodicOrbit) -> np.ndarray:
+        """The `path_radius` and the `period` that a track of an orbit at these times gives, shape (2,).
+
+        Times count from the moment at which the plate has the phase `phi0` of the orbit's parameters. The spin is that of the
+        orbit in the middle of them, where it drifts evenly from impact to impact. Before and after it the heading's rate and
+        the velocity seen from there change by what the orbit says, ever less or more by the slow multiplier; the velocity is
+        summed.
+        """
+        f, rate, path = orbit.parameters["f"], abs(orbit.precession_rate), orbit.path
+        phases = TURN * f * self.times + orbit.parameters["phi0"]
+        swing = np.interp(phases, path.phases, path.swing, period=TURN)
+        quickens = orbit.precession_rate_drift * f / orbit.precession_rate
+        fades = (orbit.slow_multiplier - 1) * f / orbit.periods
+        span = float(np.ptp(self.times))
+        t = span * _scaled(self.times)
+        t += 0.5 * orbit.periods / f  # the rate is the mean of the period up to the impact that the spin is told after
+        at = np.linspace(t.min(), t.max(), int(SPIRAL_STEPS * rate * span / TURN) + SPIRAL_STEPS)
+        pace = at * exprel(fades * at)
+        turned = CubicSpline(at, rate * (1 + quickens * pace)).antiderivative()
+        way = CubicSpline(at, (1 + path.bend * pace) * np.exp(1j * turned(at))).antiderivative()
+        place = path.radius * (1j * rate * way(t) + swing * np.exp(1j * turned(t)))
+        found, coefficients = _refined(t / span, place, rate * span, self.moving)
+        return np.array([abs(coefficients[-1]), TURN * span / abs(found)])
+
+    def __repr__(self) -> str:
+        errors = self.errors
+        words = ", ".join(f"{name} {value:.6g} ± {errors[name]:.2g}" for name, value in self.values.items())
+        return f"<Track: {'; '.join([f'{words}, error of a coordinate {self.sigma:.2g} m', *self.notes])}>"
+
+
+def circle(t: Any, x: Any, y: Any, sigma: float | str | None = None) -> Track:
+    """The circle that a track of the centre of mass goes round evenly.
+
+    Parameters
+    ----------
+    t : array_like, shape (n,)
+        Times [s] since the plate had the phase `phi0`, in any order; more than two to a turn. Rates are tried up to one and a
+        half turns in their median step. The slowest counts of those that fit about as well as the best; the others are told.
+        Points of one time count with their mean, and copies of a row once.
+    x, y : array_like, shape (n,)
+        Places of the centre of mass [m].
+    sigma : float, optional
+        Standard deviation of the error of each coordinate [m]; by default as the residuals say.
+
+    Returns
+    -------
+    Track
+
+    Raises
+    ------
+    ParameterError
+        If these are no tracks of one length, or too short ones, or the track does not turn by enough.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep import fits
+    >>> t = np.linspace(0, 10, 30)
+    >>> fits.circle(t, np.cos(t) + 3, np.sin(t), sigma=0.01).measured
+    <Measured: path_radius 1 ± 0.00186 m, period 6.28319 ± 0.00393 s>
+    """
+    return _track(t, x, y, sigma, moving=False)
+
+
+def cycloid(t: Any, x: Any, y: Any, sigma: float | str | None = None) -> Track:
+    """The cycloid that fits a track: even motion on a circle whose centre moves evenly, as on a plate not quite level.
+
+    Parameters
+    ----------
+    t, x, y : array_like, shape (n,)
+        As for `circle`.
+    sigma : float, optional
+
+    Returns
+    -------
+    Track
+
+    Raises
+    ------
+    ParameterError
+        As for `circle`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from dimersweep import fits
+    >>> t = np.linspace(0, 20, 60)
+    >>> track = fits.cycloid(t, np.cos(t) + 0.1 * t, np.sin(t), sigma=0.01)
+    >>> round(track.values["path_radius"], 6), round(track.values["v_x"], 6)
+    (1.0, 0.1)
+    """
+    return _track(t, x, y, sigma, moving=True)
+
+
+def _track(t: Any, x: Any, y: Any, sigma: float | str | None, moving: bool) -> Track:
+    times, place, scatter = _checked(t, x, y, sigma, moving)
+    minima = _minima(_scaled(times), place, moving)
+    speeds = [abs(rate * coefficients[-1]) / np.ptp(times) for rate, coefficients in minima]
+    slow = [each for each, speed in zip(minima, speeds, strict=True) if speed <= FASTER * max(speeds[0], FAST_TURN)]
+    track, *others = [_read(times, place, scatter, each) for each in slow]
+    radius, error = track.values["path_radius"], track.errors["path_radius"]
+    if not error < radius:
+        raise ParameterError(f"track: turns by too little to tell its radius, {radius:.3g} ± {error:.2g} m")
+    notes = [
+        f"a turn of {one.values['path_radius']:.4g} m in {one.values['period']:.6g} s, "
+        f"{'counter' if one.sense > 0 else ''}clockwise, fits about as well: the times, every {_step(times):.3g} s, are too few"
+        for one in others
+    ]
+    return replace(track, others=tuple(others), notes=(*notes, *track.notes))
+
+
+def _read(times: np.ndarray, place: np.ndarray, sigma: float | None, minimum: Minimum) -> Track:
+    """Return the circle or the cycloid of a minimum of the misfit, with its errors."""
+    (rate, coefficients), s, span, notes = minimum, _scaled(times), float(np.ptp(times)), []
+    J = _slopes(s, rate, coefficients)
+    scatter, within, _ = _scatter(s, place, rate, coefficients)
+    sigma = scatter if sigma is None else sigma
+    around, units = coefficients[-1], np.array([1.0, span])[: coefficients.size - 1]
+    radius, period = float(abs(around)), TURN * span / abs(rate)
+    values = [radius, period, *(coefficients[:-1] / units).view(float).tolist()]
+    G = np.zeros((len(values), J.shape[1]))  # derivatives of these
+    G[0, -2:], G[1, 0] = (around.real / radius, around.imag / radius), -period / rate
+    G[2:, 1:-2] = np.diag(np.repeat(1 / units, 2))
+    back = sigma * G @ np.linalg.pinv(J)
+    covariance = back @ back.T
+    if TURN * radius / period > FASTER * FAST_TURN:
+        notes.append(f"a dimer at {TURN * radius / period:.3g} m/s is too fast: x and y must be in m, t in s")
+    if abs(within) > APART_IN_TIME * sigma:
+        nearer = within.real**2 / (2 * radius)  # is the mean of points along an arc to its centre
+        covariance[0, 0] += nearer**2
+        notes.append(
+            f"places of one time differ by {2**0.5 * abs(within):.2g} m: their mean counts, the centre of two balls; "
+            f"if times are rounded, the radius is {nearer:.2g} m too small"
+        )
+    return Track(
+        values=dict(zip(CYCLOID, values, strict=False)),
+        covariance=covariance,
+        sense=int(np.sign(rate)),
+        sigma=sigma,
+        times=times,
+        moving=coefficients.size == 3,
+        notes=tuple(notes),
+    )
+
+
+def _checked(t: Any, x: Any, y: Any, sigma: Any, moving: bool) -> tuple[np.ndarray, np.ndarray, float | None]:
+    """Times and places x + iy of a track, each row once, and the error of a coordinate where it is given."""
+    given = (("t", t, "s"), ("x", x, "m"), ("y", y, "m"))
+    times, *places = (as_numbers(name, values, units) for name, values, units in given)
+    check_labels({"t": t, "x": x, "y": y})
+    for name, values in zip("xy", places, strict=True):
+        if values.size != times.size:
+            raise ParameterError(f"{name}: has {values.size} values; must have {times.size}, as t has")
+    times, place, different = _rows(times, places[0] + 1j * places[1])
+    least = 5 if moving else 4
+    if different < least:
+        raise ParameterError(f"t: has {different} different times; must have at least {least}")
+    if max(np.ptp(values) for values in places) == 0:
+        raise ParameterError(f"x, y: all {places[0].size} points are at one place; a track has to move")
+    sigma = None if sigma is None else as_number("sigma", sigma, "m")
+    if sigma is not None and sigma <= 0:
+        raise ParameterError(f"sigma = {sigma:g}: must be > 0")
+    return times, place, sigma
+
+
+def _rows(times: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return the rows of a track by time without copies, and how many times they have.
+
+    Where most times have several rows, one with a single row is left out, which may be that of one ball. So is the first or
+    the last one with fewer rows than most: of rounded times it has a part only, whose mean is at another time.
+    """
+    order = np.argsort(times, kind="stable")
+    times, place = times[order], place[order]
+    begins = np.r_[True, np.diff(times) > SAME_TIME * np.ptp(times)]
+    if begins.all():
+        return times, place, times.size
+    rows = np.unique(np.column_stack([times[begins][np.cumsum(begins) - 1], place.real, place.imag]), axis=0)
+    _, group, counts = np.unique(rows[:, 0], return_inverse=True, return_counts=True)
+    usual = np.quantile(counts, FEW_POINTS)
+    whole = counts >= np.minimum(usual, 2)
+    whole[[0, -1]] = counts[[0, -1]] >= usual
+    rows = rows[whole[group]]
+    return rows[:, 0], rows[:, 1] + 1j * rows[:, 2], int(whole.sum())
+
+
+def _step(times: np.ndarray) -> float:
+    """Return the usual step of the times."""
+    return float(np.median(np.diff(np.unique(times))))
+
+
+def _slopes(s: np.ndarray, rate: float, coefficients: np.ndarray) -> np.ndarray:
+    """Derivatives of x and y of a track by the rate, and by the real and the imaginary part of each coefficient."""
+    A = _basis(s, rate, coefficients.size == 3)
+    parts = (factor * column for column in A.T for factor in (1, 1j))
+    columns = np.column_stack([1j * s * A[:, -1] * coefficients[-1], *parts])
+    return np.vstack([columns.real, columns.imag])
+
+
+def _scatter(s: np.ndarray, place: np.ndarray, rate: float, coefficients: np.ndarray) -> tuple[float, complex, float]:
+    """Return the standard deviation of a coordinate, that within one time, and what chance adds to a sum of squares.
+
+    That within one time is told along the path, and across it as an imaginary part.
+
+    What a rate and a radius explain that change is no error. Of many times that is a change to second order, of few an even
+    one. Points of one time count with their mean: two balls lie on either side of it.
+    """
+    s, group, counts = np.unique(s, return_inverse=True, return_counts=True)
+    mean = (np.bincount(group, place.real) + 1j * np.bincount(group, place.imag)) / counts
+    A, weights = _basis(s, rate, coefficients.size == 3), np.sqrt(np.tile(counts, 2))
+    residual = A @ coefficients - mean
+    within = (place - mean[group]) / (1j * A[:, -1] * coefficients[-1] / abs(coefficients[-1]))[group]
+    along, across = np.sqrt([within.real @ within.real, within.imag @ within.imag] / np.maximum(1, group.size - s.size))
+    left, free = np.concatenate([residual.real, residual.imag]) * weights, weights.size - 1 - 2 * coefficients.size
+    variance = max(float(left @ left) / free, abs(TIME_ROUNDING * coefficients[-1]) ** 2)
+    orders = np.column_stack([1j * s**2, s, 1j * s**3, s**2])[:, : 4 if s.size >= SLOW_POINTS else 2]
+    slow = orders * (A[:, -1] * coefficients[-1])[:, None]
+    slopes = np.column_stack([_slopes(s, rate, coefficients), np.vstack([slow.real, slow.imag])]) * weights[:, None]
+    left = left - slopes @ np.linalg.lstsq(slopes, left, rcond=None)[0]
+    sigma = np.linalg.norm(left) / np.sqrt(slopes.shape[0] - slopes.shape[1])
+    return float(sigma), complex(along, across), float(variance * variance_ratio.isf(CHANCE_OF_ALIAS, 1, free))
+
+
+def _scaled(times: np.ndarray) -> np.ndarray:
+    """Return times over their span, from -1/2 to 1/2."""
+    return (times - 0.5 * (times.min() + times.max())) / np.ptp(times)
+
+
+def _basis(s: np.ndarray, rate: float, moving: bool) -> np.ndarray:
+    """What places x + iy are sums of: a centre, its velocity, even motion on a circle; one a column."""
+    still = [np.ones(s.size), s] if moving else [np.ones(s.size)]
+    return np.column_stack([*still, np.exp(1j * rate * s)])
+
+
+def _minima(s: np.ndarray, place: np.ndarray, moving: bool) -> list[Minimum]:
+    """Return the minima of the misfit that fit about as well as the best one, the slowest first.
+
+    Rates that are worth it are tried on some of the points, and the best of them on all.
+    """
+    some = np.sort(np.random.default_rng(0).permutation(s.size)[:TRIED_POINTS])
+    slow = TURN * np.geomspace(LEAST_TURN, 1, 16)
+    slow = np.concatenate([-slow[::-1], slow])
+    misses = np.array([np.inf, *(_solved(_basis(s[some], rate, moving), place[some])[1] for rate in slow), np.inf])
+    slow = slow[(misses[1:-1] <= misses[:-2]) & (misses[1:-1] <= misses[2:])]
+    minima = _alike(s[some], place[some], [*slow, *_fast_rates(s, place, moving)], moving)
+    return minima if some.size == s.size else _alike(s, place, [rate for rate, _ in minima], moving)
+
+
+def _alike(s: np.ndarray, place: np.ndarray, rates: list[float], moving: bool) -> list[Minimum]:
+    """Return the minima of the misfit near given rates that fit about as well as the best of them, the slowest first."""
+    minima = [_refined(s, place, rate, moving) for rate in rates]
+    misses = [np.linalg.norm(_basis(s, rate, moving) @ coefficients - place) ** 2 for rate, coefficients in minima]
+    order = np.argsort(misses)
+    most = misses[order[0]] + _scatter(s, place, *minima[order[0]])[2]
+    found: list[Minimum] = []
+    for k in order:
+        if misses[k] <= most and all(abs(minima[k][0] - rate) > RATE_VALLEY for rate, _ in found):
+            found.append(minima[k])
+    return sorted(found, key=lambda each: abs(each[0]))
+
+
+def _fast_rates(s: np.ndarray, place: np.ndarray, moving: bool) -> np.ndarray:
+    """The rates of more than a turn at which a circle takes more squares of a track off than all around, by its spectra.
+
+    The usual step of the times says which are tried. Times are put into bins. With the sums of e = exp(i rate s), of s e and of
+    the conjugate of e times the place, which their transforms are, what a circle takes off beside a centre, or a centre that
+    moves, is a quotient at each rate.
+    """
+    most = next_fast_len(int(min(PER_STEP / _step(s), MOST_TURNS_TRIED)) + 1)
+    bins, length = 2 * most, 2 * most * TURN_PARTS
+    which = np.minimum((bins * (s + 0.5)).astype(int), bins - 1)
+    still = np.linalg.qr(_basis(s, 0.0, moving)[:, : 2 if moving else 1].real)[0]
+    left = place - still @ (still.T @ place)
+
+    def spectrum(values: np.ndarray) -> np.ndarray:
+        """Sums of values times exp(-i rate s), but for a phase, at rates of a turn over TURN_PARTS and its multiples."""
+        parts = [np.bincount(which, part, bins) for part in (values.real, values.imag)]
+        return fft(parts[0] + 1j * parts[1], length)
+
+    # a circle less its share in what stands still has so many squares left
+    own = s.size - sum(np.abs(spectrum(column)) ** 2 for column in still.T)
+    taken = np.abs(spectrum(left)) ** 2 / np.maximum(own, LEAST_OWN * s.size)
+    turns = fftfreq(length, 1 / length) / TURN_PARTS
+    taken[np.abs(turns) < 1] = 0.0
+    peaks = np.flatnonzero((taken > WORTH * taken.max()) & (taken >= np.roll(taken, 1)) & (taken >= np.roll(taken, -1)))
+    here, ahead, back = taken[peaks], taken[(peaks + 1) % length], taken[peaks - 1]
+    height = here + (ahead - back) ** 2 / np.maximum(8 * (2 * here - ahead - back), here)  # of a parabola
+    chosen = [np.argsort(order)[:TRIED] for order in (-height, np.abs(turns[peaks]))]
+    return TURN * turns[peaks[np.union1d(*chosen)]]
+
+
+def _solved(A: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, float]:
+    coefficients = np.linalg.lstsq(A, place, rcond=None)[0]
+    return coefficients, float(np.linalg.norm(A @ coefficients - place))
+
+
+def _refined(s: np.ndarray, place: np.ndarray, rate: float, moving: bool) -> tuple[float, np.ndarray]:
+    """The rate and the coefficients of least squares, from a rate nearby."""
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        miss = _basis(s, p[0], moving) @ p[1:].view(complex) - place
+        return np.concatenate([miss.real, miss.imag])
+
+    def slopes(p: np.ndarray) -> np.ndarray:
+        return _slopes(s, p[0], p[1:].view(complex))
+
+    start = np.concatenate([[rate], _solved(_basis(s, rate, moving), place)[0].view(float)])
+    p = least_squares(residual, start, slopes, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    return float(p[0]), p[1:].copy().view(complex)

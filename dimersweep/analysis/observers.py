@@ -1,0 +1,45 @@
+"""The observer of sustained spins, for `sweep(..., sustained=True)`."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dimersweep.analysis.orbits.sustained import sustained
+from dimersweep.cubes.cube import names
+from dimersweep.cubes.results import Field
+from dimersweep.errors import OrbitError
+from dimersweep.kernel.batch import Workspace, is_stopped
+from dimersweep.kernel.model.layout import OUT, ROW
+from dimersweep.studies.observers import Observer, Ran
+from dimersweep.symbols import QUANTITIES
+
+
+@dataclass(frozen=True)
+class Sustained(Observer):
+    """The sustained spins of each dimer, and the one that attracts: of several that nearest to the run's, or the least."""
+
+    fields = (
+        Field("sustained", QUANTITIES["sustained"], "<i8"),
+        *(Field(f"sustained_{name}", QUANTITIES[f"sustained_{name}"]) for name in ("spin", "radius", "time")),
+    )
+
+    def settings(self) -> dict[str, Any]:
+        """See `Observer`."""
+        return {"sustained": True}
+
+    def observe(self, ran: Ran, space: Workspace) -> None:
+        """See `Observer`."""
+        for row, result in zip(ran.rows, ran.results, strict=True):
+            if is_stopped(space):
+                return
+            try:  # each point by itself, not from its neighbours: numbers must not depend on tiles
+                found = sustained(**dict(zip(ROW, row.tolist(), strict=True)))
+            except OrbitError:
+                continue
+            result["sustained"] = (names(found["kind"]) != "cycle").sum()
+            attracts = found.isel(sustained=found["attracts"].values)
+            if attracts.sizes["sustained"]:
+                off = np.abs(attracts["spin"].values - abs(result["out"][OUT.index("spin")]))
+                for name, of in (("spin", "spin_low"), ("radius", "radius"), ("time", "slow_time")):
+                    result[f"sustained_{name}"] = attracts[of].values[off.argmin()]

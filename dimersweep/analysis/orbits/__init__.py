@@ -1,0 +1,36 @@
+"""Orbits as objects: fixed points of the return map's fast part, their branches and borders, and the slow family they form.
+
+Examples
+--------
+>>> from dimersweep import orbits
+>>> orbit = orbits.find(Gamma=0.9, spin=100.0)  # the drift of that axial spin [rad/s]
+>>> orbit.stable, round(orbit.radius, 3)
+(True, 4.259)
+"""
+
+from dimersweep.analysis.orbits.border_grid import border
+from dimersweep.analysis.orbits.centre import centre_drift
+from dimersweep.analysis.orbits.edges import Edge, edge
+from dimersweep.analysis.orbits.families import family
+from dimersweep.analysis.orbits.fate import later
+from dimersweep.analysis.orbits.finding import find
+from dimersweep.analysis.orbits.following import follow
+from dimersweep.analysis.orbits.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.orbit import PeriodicOrbit
+from dimersweep.analysis.orbits.plane_curve import border_curve
+from dimersweep.analysis.orbits.sustained import sustained
+
+__all__ = [
+    "BORDER_KINDS",
+    "Edge",
+    "PeriodicOrbit",
+    "border",
+    "border_curve",
+    "centre_drift",
+    "edge",
+    "family",
+    "find",
+    "follow",
+    "later",
+    "sustained",
+]
