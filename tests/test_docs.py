@@ -159,10 +159,10 @@ def test_the_page_on_a_kind_of_file_has_every_key_with_its_default(page, declara
 
 
 def test_the_page_on_sweep_files_has_every_kind_of_picture():
-    from dimersweep.plots import FIGURES
+    from dimersweep.symbols import PICTURE_KINDS
 
     rows = re.findall(r"^\| `(\w+)` \|", text_of("docs/sweepfile.md"), re.MULTILINE)
-    assert set(rows) == set(FIGURES)
+    assert set(rows) == set(PICTURE_KINDS)
 
 
 def test_the_gallery_has_every_kind_of_picture():
