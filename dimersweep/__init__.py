@@ -12,18 +12,62 @@ Examples
 ['rest', 'drift', 'drift']
 """
 
-import ast
 from importlib import import_module
-from pathlib import Path
 from typing import Any
 
 from dimersweep.faces import __version__ as __version__
 
-_STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")).body
-_TOLD = [(each.module, name) for each in _STUB if isinstance(each, ast.ImportFrom) for name in each.names]
-# of each public name: the module that it is imported from, and its name there
-_HOME = {name.asname: (module, name.name) for module, name in _TOLD if name.asname}
-_HOME["stability"] = ("dimersweep.runs", "growth")
+# where each public name stands: a module, or a module and the name in it; `__init__.pyi` says the same to type checkers
+_HOME = {
+    "Lyapunov": "dimersweep.runs.growth:Lyapunov",
+    "Minimum": "dimersweep.cubes.findings:Minimum",
+    "Multipliers": "dimersweep.runs.growth:Multipliers",
+    "Orbit": "dimersweep.runs.outcomes:Orbit",
+    "ParameterError": "dimersweep.errors:ParameterError",
+    "Parameters": "dimersweep.parameters:Parameters",
+    "PointError": "dimersweep.errors:PointError",
+    "PowerLaw": "dimersweep.cubes.findings:PowerLaw",
+    "Run": "dimersweep.runs.run:Run",
+    "Spectrum": "dimersweep.runs.growth:Spectrum",
+    "Stopped": "dimersweep.errors:Stopped",
+    "StoreError": "dimersweep.errors:StoreError",
+    "attractors": "dimersweep.analysis.attractors.shares:attractors",
+    "bifurcation": "dimersweep.studies.sweep:bifurcation",
+    "boundary": "dimersweep.cubes.findings:boundary",
+    "circle_through": "dimersweep.cubes.findings:circle_through",
+    "cubes": "dimersweep.cubes",
+    "drift_intervals": "dimersweep.cubes.findings:drift_intervals",
+    "drift_lengths": "dimersweep.cubes.findings:drift_lengths",
+    "errors": "dimersweep.errors",
+    "explore": "dimersweep.exploring.serving:explore",
+    "exponents": "dimersweep.cubes.findings:exponents",
+    "fit": "dimersweep.analysis.fits.fitting:fit",
+    "fits": "dimersweep.fits",
+    "load_run": "dimersweep.runs.run:load_run",
+    "loops": "dimersweep.studies.loops:loops",
+    "lyapunov": "dimersweep.runs.growth:lyapunov",
+    "make": "dimersweep.studies.declared:make",
+    "merge": "dimersweep.studies.merging:merge",
+    "minimum": "dimersweep.cubes.findings:minimum",
+    "multipliers": "dimersweep.runs.growth:multipliers",
+    "names": "dimersweep.cubes.cube:names",
+    "observer": "dimersweep.studies.observing:observer",
+    "open_cube": "dimersweep.storage.cubefiles:open_cube",
+    "orbits": "dimersweep.orbits",
+    "plots": "dimersweep.plots",
+    "qr_growth": "dimersweep.runs.growth:qr_growth",
+    "read_declaration": "dimersweep.studies.declared:read_declaration",
+    "refine": "dimersweep.studies.refine:refine",
+    "runs": "dimersweep.runs",
+    "runs_of": "dimersweep.cubes.findings:runs_of",
+    "search": "dimersweep.studies.search:search",
+    "simulate": "dimersweep.runs.simulating:simulate",
+    "spectrum": "dimersweep.runs.growth:spectrum",
+    "stability": "dimersweep.runs.growth",
+    "stick_ratio": "dimersweep.cubes.findings:stick_ratio",
+    "studies": "dimersweep.studies",
+    "sweep": "dimersweep.studies.sweep:sweep",
+}
 
 __all__ = list(_HOME)
 
@@ -32,8 +76,8 @@ def __getattr__(name: str) -> Any:
     # importing Numba and xarray takes a second or two: pay it with the first name that needs them (PEP 562)
     if name not in _HOME:
         raise AttributeError(f"module 'dimersweep' has no attribute {name!r}")
-    module, there = _HOME[name]
-    value = import_module(f"{module}.{there}") if module == __name__ else getattr(import_module(module), there)
+    module, _, there = _HOME[name].partition(":")
+    value = getattr(import_module(module), there) if there else import_module(module)
     globals()[name] = value
     return value
 

@@ -1,4 +1,4 @@
-"""The engine without the analysis: its commands, a sweep with its picture and the explorer run where that folder is not there."""
+"""The engine without the analysis: its commands, a sweep with its picture, and the explorer."""
 
 import shutil
 import subprocess
@@ -93,7 +93,8 @@ def test_the_engine_runs_without_the_analysis(engine, tmp_path):
     assert ran.returncode == 0, ran.stderr
     refusals = [line for line in ran.stdout.splitlines() if line.startswith("refused")]
     assert refusals == [
-        f"refused: {name}: needs dimersweep.analysis, which is not installed" for name in ("sustained", "plot", "circles")
+        f"refused: {name}: needs dimersweep.analysis, which is not installed"
+        for name in ("sustained", "plot", "circles")
     ]
     made = {path.name for path in tmp_path.iterdir()}
     assert {"run.nc", "run.png", "small.nc", "small.png", "small-radius.png", "parts.nc"} <= made
