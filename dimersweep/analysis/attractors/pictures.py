@@ -45,6 +45,8 @@ def labels_of(data: xr.Dataset) -> list[str]:
 def _borders(data: xr.Dataset, near: float) -> list[tuple[float, str]]:
     """The borders of the changes with their kinds, one of those of a kind that lie `near` each other."""
     kept: list[tuple[float, str]] = []
+    if "border_kind" not in data:  # in a file, where nothing changes: a column without entries is not written
+        return kept
     kinds = names(data[["border_kind"]])["border_kind"].values.tolist()
     for border, kind in sorted(zip(data["border"].values.tolist(), kinds, strict=True)):
         if np.isfinite(border) and not any(kind == other and border - at < near for at, other in kept):
