@@ -72,7 +72,7 @@ def test_the_tutorial_runs_again_in_a_folder_that_has_all_of_its_files(tmp_path)
     NotebookClient(tutorial, timeout=300, kernel_name="python3", resources={"metadata": {"path": tmp_path}}).execute()
 
 
-SCRIPT = ROOT / "docs" / "stranger.py"
+SCRIPT = ROOT / "docs" / "all_of_it.py"
 
 
 def test_the_script_of_25_lines_runs(empty_folder):
