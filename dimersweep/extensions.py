@@ -26,7 +26,7 @@ EXAMPLES = "commands:EXAMPLES"
 # of each kind of picture of a cube, the function that draws it
 PICTURES = {"circles": "circles:circles", "attractors": "attractors.pictures:attractors"}
 # of each kind of table, by a variable that marks it, the function that draws it; the last draws all others
-TABLE_PICTURES = {"attractor": PICTURES["attractors"], "": "orbits.pictures:draw_borders"}
+TABLE_PICTURES = {"attractor": PICTURES["attractors"], "": "orbits.borders.pictures:draw_borders"}
 # of each switch of `sweep`, the observer that it adds
 OBSERVERS = {"sustained": "observers:Sustained"}
 # of each kind of table, by a variable that marks it, its map in the explorer

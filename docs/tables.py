@@ -7,8 +7,8 @@ from pathlib import Path
 
 from IPython.display import Markdown
 
-from dimersweep.analysis.orbits.kinds import BORDER_KINDS
-from dimersweep.analysis.orbits.orbit import COLUMNS, MULTIPLIERS, TEXTS
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.map.orbit import COLUMNS, MULTIPLIERS, TEXTS
 from dimersweep.cubes.cube import FLAGS
 from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.cubes.results import POINT_MESSAGES, POINT_STATUSES, RESULT

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from dimersweep import attractors, names, orbits, plots, simulate, sweep
 from dimersweep.analysis.attractors.shares import drawn_starts
 from dimersweep.analysis.attractors.telling_apart import Attractor, distance, matched
-from dimersweep.analysis.orbits.features import (
+from dimersweep.analysis.orbits.slow.features import (
     ALIKE_WITHIN,
     Carried,
     Features,

@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 
 from dimersweep import names, orbits
 from dimersweep.analysis.borders.border_files import kept_part, make_borders, parts_of, plan_borders, read_borders
-from dimersweep.analysis.orbits.pictures import SMOOTH, _smoothed, draw_borders
+from dimersweep.analysis.orbits.borders.pictures import SMOOTH, _smoothed, draw_borders
 from dimersweep.cli import app
 from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.kernel.model.layout import MODES

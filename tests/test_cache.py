@@ -140,7 +140,7 @@ def test_all_that_a_number_may_come_through_is_in_the_version():
 
     graph = build_graph("dimersweep", cache_dir=None, exclude_type_checking_imports=True)
     # a run and an orbit can draw themselves, from what they have come to
-    for module in (*graph.find_descendants("dimersweep.runs"), "dimersweep.analysis.orbits.orbit"):
+    for module in (*graph.find_descendants("dimersweep.runs"), "dimersweep.analysis.orbits.map.orbit"):
         for picture in graph.find_modules_directly_imported_by(module):
             if picture.startswith("dimersweep.plots"):
                 graph.remove_import(importer=module, imported=picture)

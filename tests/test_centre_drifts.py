@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dimersweep import orbits, simulate
-from dimersweep.analysis.orbits.kinds import ball_fold
+from dimersweep.analysis.orbits.map.ball import ball_fold
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.body import dimer_of
 from tests.checks.dimers import random_dimer

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from dimersweep import orbits
-from dimersweep.analysis.orbits import bifurcation_curve
-from dimersweep.analysis.orbits.bifurcation_curve import DOUBLED_FOLD, BifurcationCurve, doubling
-from dimersweep.analysis.orbits.finding import checked
-from dimersweep.analysis.orbits.kinds import BORDER_KINDS
-from dimersweep.analysis.orbits.newton import newton
-from dimersweep.analysis.orbits.poincare import OrbitLost
+from dimersweep.analysis.orbits.borders import bifurcation_curve
+from dimersweep.analysis.orbits.borders.bifurcation_curve import DOUBLED_FOLD, BifurcationCurve, doubling
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.map.finding import checked
+from dimersweep.analysis.orbits.map.newton import newton
+from dimersweep.analysis.orbits.map.poincare import OrbitLost
 
 
 class KnownMap:

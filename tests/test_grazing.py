@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from dimersweep import names, orbits
-from dimersweep.analysis.orbits.passage import TURN
-from dimersweep.analysis.orbits.specials import NO_GAP, least_gap
+from dimersweep.analysis.orbits.continuation.specials import NO_GAP, least_gap
+from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.errors import OrbitError
 
 GRAZING = {"A_r": 7.0, "e": 0.46}  # p1 begins to strike on its way down, and its hop falls from 0.529 to 0.455 periods

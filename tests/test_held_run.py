@@ -11,7 +11,7 @@ import xarray as xr
 
 import dimersweep
 from dimersweep import simulate
-from dimersweep.analysis.orbits.fate import Later
+from dimersweep.analysis.orbits.slow.fate import Later
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.runs.growth import Lyapunov
 from dimersweep.storage.provenance import digest

@@ -8,12 +8,13 @@ import pytest
 
 from dimersweep import names, orbits, simulate
 from dimersweep.analysis.attractors.shares import border_between
-from dimersweep.analysis.orbits import following
-from dimersweep.analysis.orbits.bifurcation_curve import on_border
-from dimersweep.analysis.orbits.border_grid import outwards
-from dimersweep.analysis.orbits.finding import of_run
-from dimersweep.analysis.orbits.kinds import BORDER_KINDS, COMPLEX, ComplexPair, ball_flip, ball_fold, change_of
-from dimersweep.analysis.orbits.poincare import OrbitLost
+from dimersweep.analysis.orbits.borders.bifurcation_curve import on_border
+from dimersweep.analysis.orbits.borders.border_grid import outwards
+from dimersweep.analysis.orbits.continuation import following
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, COMPLEX, ComplexPair, change_of
+from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
+from dimersweep.analysis.orbits.map.finding import of_run
+from dimersweep.analysis.orbits.map.poincare import OrbitLost
 from dimersweep.errors import OrbitError, ParameterError
 from tests.checks.tables import multipliers
 

@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 
 import dimersweep
 from dimersweep import orbits, simulate, stability, sweep
-from dimersweep.analysis.orbits import poincare
-from dimersweep.analysis.orbits.finding import rolled_up
-from dimersweep.analysis.orbits.kinds import change_of
+from dimersweep.analysis.orbits.continuation.kinds import change_of
+from dimersweep.analysis.orbits.map import poincare
+from dimersweep.analysis.orbits.map.finding import rolled_up
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.kernel.model.layout import IMPACT_STEPS, MAX_EVENTS, STATUS_MESSAGES
 from dimersweep.parameters import Parameters

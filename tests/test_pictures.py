@@ -17,7 +17,7 @@ import dimersweep
 from dimersweep.analysis.attractors.pictures import MOST_NAMED, attractors, looks_of
 from dimersweep.analysis.fits import Waveform
 from dimersweep.analysis.fits.pictures import draw_fit
-from dimersweep.analysis.orbits.pictures import draw_borders
+from dimersweep.analysis.orbits.borders.pictures import draw_borders
 from dimersweep.cubes.cube import FLAGS, names
 from dimersweep.cubes.grid import make_points
 from dimersweep.errors import ParameterError

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dimersweep import names, orbits
-from dimersweep.analysis.orbits.kinds import BORDER_KINDS
-from dimersweep.analysis.orbits.passage import rests, sides_of
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.map.passage import rests, sides_of
 from dimersweep.errors import OrbitError
 from tests.checks.dimers import random_dimer
 from tests.checks.tables import multipliers

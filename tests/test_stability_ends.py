@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dimersweep import names, orbits, simulate
-from dimersweep.analysis.orbits.kinds import ball_flip, ball_fold
+from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.errors import OrbitError
 from tests.checks.dimers import crossed, random_dimer
 from tests.checks.tables import multipliers

@@ -11,7 +11,7 @@ import xarray as xr
 
 import dimersweep
 from dimersweep import names, orbits, plots
-from dimersweep.analysis.orbits.pictures import draw_borders
+from dimersweep.analysis.orbits.borders.pictures import draw_borders
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.contact_code import contact_state_name
 from dimersweep.kernel.model.event_row import E_KIND

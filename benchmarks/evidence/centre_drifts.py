@@ -18,7 +18,7 @@ from functools import partial
 import numpy as np
 
 from dimersweep import orbits, simulate
-from dimersweep.analysis.orbits.kinds import ball_fold
+from dimersweep.analysis.orbits.map.ball import ball_fold
 from dimersweep.errors import OrbitError
 from tests.checks.dimers import random_dimer
 

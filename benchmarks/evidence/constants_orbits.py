@@ -93,7 +93,7 @@ def load_changed(one: Constant, factor: float) -> None:
 def questions() -> dict[str, Callable[[], list[Any]]]:
     """What is asked: names, and functions that answer with numbers and words."""
     from dimersweep import names, orbits, simulate
-    from dimersweep.analysis.orbits import features
+    from dimersweep.analysis.orbits.slow import features
 
     both = features.Mirrors(True, False)
 
@@ -178,7 +178,7 @@ def questions() -> dict[str, Callable[[], list[Any]]]:
 
 def answers(file: str) -> dict[str, tuple[list[Any], float]]:
     """All answers that a file has to do with, and the forcing periods of the map that each took."""
-    from dimersweep.analysis.orbits import poincare
+    from dimersweep.analysis.orbits.map import poincare
     from dimersweep.errors import OrbitError, ParameterError
 
     spent = [0.0]

@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from dimersweep import attractors, names, orbits, simulate
-from dimersweep.analysis.orbits.kinds import ball_fold
+from dimersweep.analysis.orbits.map.ball import ball_fold
 from dimersweep.errors import OrbitError
 from tests.checks.dimers import random_dimer
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 from dimersweep.cubes.cube import column
 from dimersweep.errors import ParameterError
 from dimersweep.exploring.mapping import CubeMap, place_of

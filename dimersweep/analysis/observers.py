@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from dimersweep.analysis.orbits.sustained import sustained
+from dimersweep.analysis.orbits.slow.sustained import sustained
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.results import Field
 from dimersweep.errors import OrbitError

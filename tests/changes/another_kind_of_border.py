@@ -1,7 +1,7 @@
 """The border is found over values of a parameter, and is where it says."""
 
 from dimersweep import orbits
-from dimersweep.analysis.orbits.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 
 SPIN = 100.0
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from dimersweep import orbits, sweep
-from dimersweep.analysis.orbits.kinds import ball_flip, ball_fold
-from dimersweep.analysis.orbits.passage import far_ends
+from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
+from dimersweep.analysis.orbits.map.passage import far_ends
 from dimersweep.errors import OrbitError
 
 ASIDE = 0.01  # share of the parameter by which a border is crossed

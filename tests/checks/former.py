@@ -1,7 +1,7 @@
 """Write one file of each kind as this version writes them: ``python -m tests.checks.former tests/data/1.0``.
 
-They stay as they are: `tests/test_former.py` reads them in all later versions. A new minor version adds a folder of its own only
-for a kind that is new or written otherwise.
+They stay as they are: `tests/test_former.py` reads them in all later versions. A minor version adds a folder of its own for a
+kind that is new, or is written otherwise.
 """
 
 import sys

@@ -5,7 +5,7 @@ from lab import Lab, drift_orbit
 from ledger import Finding, claim, found
 
 from dimersweep import Run, names
-from dimersweep.analysis.orbits.kinds import ball_fold
+from dimersweep.analysis.orbits.map.ball import ball_fold
 from dimersweep.cubes.findings import circle_through
 
 

@@ -7,7 +7,7 @@ from ledger import Finding, claim, found
 from sect3 import cycle_times, last_double_impact, slip_of_p1
 
 from dimersweep import Run, names
-from dimersweep.analysis.orbits.kinds import ball_flip, ball_fold
+from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.cubes.findings import drift_intervals, drift_lengths, runs_of, stick_ratio
 from dimersweep.kernel.model.layout import M_DRIFT, M_REST, MODES
 from dimersweep.parameters import dimer_from

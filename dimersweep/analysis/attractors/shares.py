@@ -12,13 +12,13 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.analysis.attractors.telling_apart import Attractor, Classifier, distance, matched
-from dimersweep.analysis.orbits.features import Mirrors, features_of_orbit, mirrors_of
-from dimersweep.analysis.orbits.finding import find
-from dimersweep.analysis.orbits.following import traced
-from dimersweep.analysis.orbits.kinds import kind_words
-from dimersweep.analysis.orbits.orbit import COLUMNS, PeriodicOrbit, multiplier_columns, padded
-from dimersweep.analysis.orbits.slow_flow import SPIN_KINDS
-from dimersweep.analysis.orbits.sustained import MEANINGS
+from dimersweep.analysis.orbits.continuation.following import traced
+from dimersweep.analysis.orbits.continuation.kinds import kind_words
+from dimersweep.analysis.orbits.map.finding import find
+from dimersweep.analysis.orbits.map.orbit import COLUMNS, PeriodicOrbit, multiplier_columns, padded
+from dimersweep.analysis.orbits.slow.features import Mirrors, features_of_orbit, mirrors_of
+from dimersweep.analysis.orbits.slow.slow_flow import SPIN_KINDS
+from dimersweep.analysis.orbits.slow.sustained import MEANINGS
 from dimersweep.cubes.cube import column, coordinate, finished, fixed_coordinates
 from dimersweep.cubes.grid import Grid, axis_values, fixed_value, make_points
 from dimersweep.cubes.results import Field

@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from dimersweep.analysis.orbits.features import ALIKE_WITHIN, Carried, Features, Mirrors, apart, features_from
-from dimersweep.analysis.orbits.finding import RTOL, at_end, find, orbit_through, settled_on
-from dimersweep.analysis.orbits.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.poincare import OrbitLost, Recorder
-from dimersweep.analysis.orbits.sheets import NEUTRAL
-from dimersweep.analysis.orbits.slow_flow import Cycle, SlowFlow, flow_of
+from dimersweep.analysis.orbits.map.finding import RTOL, at_end, find, orbit_through, settled_on
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
+from dimersweep.analysis.orbits.map.poincare import OrbitLost, Recorder
+from dimersweep.analysis.orbits.slow.features import ALIKE_WITHIN, Carried, Features, Mirrors, apart, features_from
+from dimersweep.analysis.orbits.slow.sheets import NEUTRAL
+from dimersweep.analysis.orbits.slow.slow_flow import Cycle, SlowFlow, flow_of
 from dimersweep.cubes.grid import Grid
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.course import new_workspace

@@ -15,11 +15,11 @@ import numpy as np
 import xarray as xr
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 
-from dimersweep.analysis.orbits.border_grid import border
-from dimersweep.analysis.orbits.families import family, spin_range
-from dimersweep.analysis.orbits.finding import checked, checked_spin, find, units_along
-from dimersweep.analysis.orbits.following import follow
-from dimersweep.analysis.orbits.kinds import BORDER_KINDS, kind_words
+from dimersweep.analysis.orbits.borders.border_grid import border
+from dimersweep.analysis.orbits.continuation.following import follow
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, kind_words
+from dimersweep.analysis.orbits.map.finding import checked, checked_spin, find, units_along
+from dimersweep.analysis.orbits.slow.families import family, spin_range
 from dimersweep.cubes.cube import column, finished
 from dimersweep.cubes.grid import axis_values, evenly, fixed_value
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown

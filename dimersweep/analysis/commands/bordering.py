@@ -46,7 +46,7 @@ def borders(
         refuse_input(out, over)
     under = open_cube(over) if over is not None else None
     with interruptible(out, drawn, parts=parts_of(out)):
-        from dimersweep.analysis.orbits.pictures import draw_borders
+        from dimersweep.analysis.orbits.borders.pictures import draw_borders
 
         tell.report_compiling()
         table = make_borders(declared, out, force=force, tell=tell)

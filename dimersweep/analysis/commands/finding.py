@@ -60,7 +60,7 @@ def orbits(
     with interruptible(out, plot):
         tell.report_compiling()
         from dimersweep.analysis import orbits as found
-        from dimersweep.analysis.orbits.orbit import dataset
+        from dimersweep.analysis.orbits.map.orbit import dataset
 
         if spin is None:
             circles = found.sustained(**given)

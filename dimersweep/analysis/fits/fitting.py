@@ -19,9 +19,9 @@ from dimersweep.analysis.fits.measured import MEASURABLE, Measured
 from dimersweep.analysis.fits.pictures import draw_fit
 from dimersweep.analysis.fits.tracks import Track
 from dimersweep.analysis.fits.valley import FEW_ERRORS, Valley
-from dimersweep.analysis.orbits.finding import RTOL
-from dimersweep.analysis.orbits.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.poincare import Recorder
+from dimersweep.analysis.orbits.map.finding import RTOL
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
+from dimersweep.analysis.orbits.map.poincare import Recorder
 from dimersweep.errors import OrbitError, ParameterError, Stopped
 from dimersweep.inputs import check_switch
 from dimersweep.plots.style import Look

@@ -6,9 +6,9 @@ import numpy as np
 
 from dimersweep.analysis.fits.measured import Measured
 from dimersweep.analysis.fits.tracks import Track
-from dimersweep.analysis.orbits.finding import RTOL, checked, checked_spin, orbit_at, units_along
-from dimersweep.analysis.orbits.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.poincare import Recorder
+from dimersweep.analysis.orbits.map.finding import RTOL, checked, checked_spin, orbit_at, units_along
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
+from dimersweep.analysis.orbits.map.poincare import Recorder
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, as_numbers, check_rtol, number, pair_of
 from dimersweep.parameters import check, check_effect, check_level, check_names, spelt_out

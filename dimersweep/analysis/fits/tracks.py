@@ -16,8 +16,8 @@ from scipy.special import exprel
 from scipy.stats import f as variance_ratio
 
 from dimersweep.analysis.fits.measured import Measured
-from dimersweep.analysis.orbits.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.passage import TURN
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
+from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, as_numbers, check_labels
 

@@ -8,17 +8,17 @@ Examples
 (True, 4.259)
 """
 
-from dimersweep.analysis.orbits.border_grid import border
-from dimersweep.analysis.orbits.centre import centre_drift
-from dimersweep.analysis.orbits.edges import Edge, edge
-from dimersweep.analysis.orbits.families import family
-from dimersweep.analysis.orbits.fate import later
-from dimersweep.analysis.orbits.finding import find
-from dimersweep.analysis.orbits.following import follow
-from dimersweep.analysis.orbits.kinds import BORDER_KINDS
-from dimersweep.analysis.orbits.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.plane_curve import border_curve
-from dimersweep.analysis.orbits.sustained import sustained
+from dimersweep.analysis.orbits.borders.border_grid import border
+from dimersweep.analysis.orbits.borders.plane_curve import border_curve
+from dimersweep.analysis.orbits.continuation.edges import Edge, edge
+from dimersweep.analysis.orbits.continuation.following import follow
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.map.finding import find
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
+from dimersweep.analysis.orbits.slow.centre import centre_drift
+from dimersweep.analysis.orbits.slow.families import family
+from dimersweep.analysis.orbits.slow.fate import later
+from dimersweep.analysis.orbits.slow.sustained import sustained
 
 __all__ = [
     "BORDER_KINDS",

@@ -1,0 +1,1 @@
+"""Borders: their curves over other parameters, and their pictures."""

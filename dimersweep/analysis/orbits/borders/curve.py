@@ -1,0 +1,332 @@
+"""A border as a curve: how its points are found on branches of orbits, and how steps lead from one point to the next."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import takewhile
+from math import pi
+from typing import Any, ClassVar, NamedTuple, Self, TypeVar
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.analysis.orbits.continuation.branch import Axis, Point, point_of
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, COMPLEX
+from dimersweep.analysis.orbits.continuation.specials import MOST_CHANGES, Special, specials
+from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps, zero
+from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
+from dimersweep.analysis.orbits.map.finding import orbit_at
+from dimersweep.analysis.orbits.map.orbit import DOUBLING, Column, PeriodicOrbit, dataset
+from dimersweep.analysis.orbits.map.passage import Sides, far_ends
+from dimersweep.analysis.orbits.map.poincare import OrbitLost, Recorder, ReturnMap
+from dimersweep.errors import OrbitError
+from dimersweep.parameters import value_of
+from dimersweep.symbols import PARAMETERS
+
+STATUS_LENGTH = 100  # of a status at most
+REACH = 0.3  # of a point of a curve from where it is looked for, in units of the section
+HALVINGS = 4  # of a step from one point of a curve to the next
+
+
+PlaceLike = TypeVar("PlaceLike", bound="Place")
+
+
+class Found(NamedTuple):
+    """A point of a curve."""
+
+    orbit: PeriodicOrbit
+    value: float  # of the parameter
+    begin: Any  # what the next point begins with
+    # of a change of sequence: how the sequences on its two sides differ; none where a branch goes to pieces
+    sides: Sides | None = None
+    loses: bool = False  # whether a stable orbit loses its stability there
+    by: str = ""  # of an end of stability: the kind of border that ends it
+    others: "tuple[Found, ...]" = ()  # of a change of sequence: those that the motion has at other values of the parameter
+    cost: float = 0.0  # forcing periods of the map that it took
+
+    @property
+    def several(self) -> list[float]:
+        """Values of the parameter of all such changes of the motion, if there is more than one."""
+        return sorted([self.value, *(other.value for other in self.others)]) if self.others else []
+
+    def alike(self, other: "Found") -> bool:
+        """Whether both are points of one section, and sequences change alike at both."""
+        m, n = self.begin.map, other.begin.map
+        return m.phase == n.phase and m.free.size == n.free.size and self.sides == other.sides
+
+
+def shortened(reason: str) -> str:
+    """The beginning of a reason, in one line that a table can hold."""
+    said = "; ".join(reason.split("; ")[:2])
+    return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
+
+
+@dataclass(eq=False)
+class Curve(ABC):
+    """A border of one kind."""
+
+    # whether each point is looked for by itself; else points are found from their neighbours, the first one on a branch
+    alone: ClassVar = False
+    # whether a motion may have several such borders, so that points that are followed are confirmed
+    many: ClassVar = False
+    # whether its motions are in a plane, without spin
+    in_plane: ClassVar = False
+    kind: Any
+    parameter: str  # the one that is solved for
+    given: dict[str, float]  # all parameters
+    spin: float  # axial spin [rad/s]
+    rtol: float  # accuracy of the map
+    recorder: Recorder = field(default_factory=Recorder)
+    over: dict[str, np.ndarray] = field(default_factory=dict)  # values of the other parameters that are asked for
+    sustained: bool = False  # whether the spin is free, and only begins as given
+
+    def __post_init__(self) -> None:
+        if self.in_plane:
+            self.spin, self.sustained = 0.0, False
+
+    @cached_property
+    def axis(self) -> Axis:
+        """The parameter as the quantity along branches."""
+        spin = None if self.sustained else self.spin
+        return Axis(self.parameter, abs(value_of(self.parameter, self.given)) or 1.0, spin)
+
+    def multipliers(self, orbit: PeriodicOrbit) -> np.ndarray:
+        """Of the fast part of an orbit; where the spin is free, with that of the slow direction."""
+        return np.append(orbit.multipliers, orbit.slow_multiplier) if self.sustained else orbit.multipliers
+
+    def point(self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None) -> Found:
+        """The point of the border at values of the other parameters.
+
+        It is found from neighbours at equal distances, the nearest first; without any the border is looked for on a branch,
+        that of a start or of orbits at these values.
+        """
+        spent, given = self.recorder.periods, self.given | values
+        if near and not self.alone:
+            found = self._stepped(given, near)
+        else:
+            found = self._first(given, start)
+            there = found.orbit.parameters  # those of the start
+            if any(there.get(name, value) != value for name, value in given.items() if name != self.parameter):
+                found = self._stepped(given, [found])
+        return found._replace(cost=self.recorder.periods - spent)
+
+    def status(self, found: Found) -> str:
+        """The status of a point that is found: ok, or why there may be others."""
+        return "ok"
+
+    def is_sure(self, found: Found) -> bool:
+        """Whether a point that was found from a neighbour would be found by itself, too."""
+        return True
+
+    def state(self, found: Found) -> str:
+        """What changes at once where the curve meets another border, if anything does."""
+        return found.by
+
+    def passed(self, before: str, after: str) -> str:
+        """The names of the borders that meet where the state changes."""
+        return f"{before}-{after}"
+
+    def table(self, found: Collection[Found], dim: str, more: Mapping[str, Column]) -> xr.Dataset:
+        """A table of points along `dim`, with `more` columns."""
+        solved = {self.parameter: ([one.value for one in found], PARAMETERS[self.parameter])}
+        table = dataset([one.orbit for one in found], dim, solved | dict(more))
+        spin = "sustained" if self.sustained else self.spin
+        about = {"kind": self.kind.name, "parameter": self.parameter, "spin": spin}
+        return table.assign_attrs(about | {"cost": self.recorder.periods})
+
+    def columns(self, found: Collection[Found]) -> dict[str, Column]:
+        """What a table of points of this kind says more: whether stability is lost there, and the coefficient of a flip."""
+        loses = {"loses_stability": ([one.loses for one in found], "whether a stable orbit loses its stability there")}
+        return loses | ({"doubling": ([one.begin.doubling for one in found], DOUBLING)} if self.kind.doubles else {})
+
+    # --- in the plane of two parameters: see `plane_curve` ----------------------------------------------------------
+
+    def system(self, m: ReturnMap, near: Found) -> Any:
+        """The equations of the border near a point, `value` and `derivative`, with the map of other parameters.
+
+        It is lost if it has none there.
+        """
+        raise NotImplementedError
+
+    def made(self, u: np.ndarray, extra: Any, near: Found) -> Found:
+        """The point of the border at a solution of these equations, and what they returned there beside their value."""
+        raise NotImplementedError
+
+    def tests(self, found: Found) -> dict[str, float]:
+        """Functions that change their sign where the curve meets another border, by the names of both."""
+        values = self.kind.others(self.multipliers(found.orbit))
+        real = values[np.abs(values.imag) < COMPLEX].real
+        return {f"{self.kind.name}-{other.name}": other.crossing(real) for other in BORDER_KINDS.values()}
+
+    # --- from one point to the next --------------------------------------------------------------------------------
+
+    def _next(self, given: dict[str, float], near: list[Found]) -> Found:
+        """The point one step from neighbours in one section."""
+        raise NotImplementedError
+
+    def _stepped(self, given: dict[str, float], near: list[Found]) -> Found:
+        """The point reached from neighbours, or from the nearest in two steps, or four, and so on, where one is too wide.
+
+        Steps are not made longer on the way: a curve that ends there would be tried in vain again and again.
+        """
+        try:
+            return self._next(given, list(takewhile(near[0].alike, near)))
+        except OrbitLost:
+            return self._by_halves(given, near[0], HALVINGS)
+
+    def _by_halves(self, given: dict[str, float], near: Found, depth: int) -> Found:
+        known = near.orbit.parameters
+        middle = {name: 0.5 * (value + known.get(name, value)) for name, value in given.items()}
+        for target in (middle, given):
+            try:
+                near = self._next(target, [near])
+            except OrbitLost:
+                if depth == 0:
+                    raise
+                near = self._by_halves(target, near, depth - 1)
+        return near
+
+    def between(self, a: Found, b: Found, part: float) -> Found:
+        """A point of the curve as a neighbour of one on the way to another."""
+        return a
+
+    def extrapolated(self, near: list[Found]) -> np.ndarray:
+        """The next point on the line or parabola through neighbours at equal distances."""
+        weights = ((1.0,), (2.0, -1.0), (3.0, -3.0, 1.0))[len(near) - 1]
+        return sum(weight * one.begin.y for weight, one in zip(weights, near, strict=True))
+
+    # --- the first point: on a branch ------------------------------------------------------------------------------
+
+    def _first(self, given: dict[str, float], start: PeriodicOrbit | None) -> Found:
+        """A point of the curve, on the branch through the start or one of the orbits at the given parameters."""
+        reasons: list[str] = []
+        stable = False
+        for orbit in self._starts(given, start, reasons):
+            stable = stable or orbit.stable
+            try:
+                return self._from(orbit)
+            except OrbitError as reason:
+                reasons.append(str(reason))
+        raise OrbitError(self._lacking(stable, reasons))
+
+    def _lacking(self, stable: bool, reasons: list[str]) -> str:
+        """Why there is no point: what was tried, among it a stable orbit or not."""
+        return shortened(f"no {self.kind.name} was met; {'; '.join(dict.fromkeys(reasons))}")
+
+    @abstractmethod
+    def _from(self, orbit: PeriodicOrbit) -> Found:
+        """The point of the border on the branch through an orbit; lost if there is none."""
+
+    def _met(self, way: Point) -> Special:
+        """The first point of this kind along a branch; lost if there is none."""
+        for a, b, _ in steps(way, SEARCHING):
+            for special in self._specials(a, b)[0]:
+                if self._is_met(special):
+                    return special
+        raise OrbitLost(f"none within {SEARCHING.tries} points of the branch")
+
+    def _specials(self, a: Point, b: Point) -> tuple[list[Special], Any]:
+        """Special points of a step of a branch."""
+        return specials(a, b, sequences=False)
+
+    def _is_met(self, special: Special) -> bool:
+        return special.kind is self.kind
+
+    def _ways(self, orbit: PeriodicOrbit) -> list[Point]:
+        """The first point of the branch through an orbit, in each sense of the parameter in which the border is looked for."""
+        fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=self.recorder))
+        begin = point_of(self.axis, self.axis.taken_up(fixed), value_of(self.parameter, orbit.parameters))
+        return [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
+
+    def _starts(
+        self, given: dict[str, float], start: PeriodicOrbit | None, reasons: list[str]
+    ) -> Iterator[PeriodicOrbit]:
+        """Orbits from which the border is looked for: first stable ones, which runs come to; last those of other motions.
+
+        In a walk one end is far from the plate at a time; both ends are, or none is, in motions of other kinds.
+        """
+        if start is not None:
+            yield start
+            return
+        later = []
+        for at in self._places(given):
+            try:
+                orbit = orbit_at(given | at, self.spin, rtol=self.rtol)
+                self.axis.taken_up(orbit.fixed)
+            except OrbitError as reason:
+                reasons.append(str(reason))
+                continue
+            if orbit.stable and far_ends(orbit.sequence) == 1:
+                yield orbit
+                if self.sustained:  # branches of the others lead to the same spins
+                    return
+            else:
+                later.append(orbit)
+        yield from sorted(later, key=lambda orbit: (far_ends(orbit.sequence) != 1, not orbit.stable))
+
+    def _places(self, given: dict[str, float]) -> Iterator[dict[str, float]]:
+        """Where an orbit is looked for: between the ball's fold and flip."""
+        if self.parameter == "Gamma":
+            e = value_of("e_2", given)
+            low, wide = ball_fold(e), ball_flip(e) - ball_fold(e)
+        elif self.parameter == "e":
+            low = max(0.0, (pi - given["Gamma"]) / (pi + given["Gamma"]))  # the ball's fold
+            wide = 0.5 * (1 - low)
+        else:
+            yield {}
+            return
+        for share in self.kind.shares:
+            yield {self.parameter: low + share * wide}
+
+
+@dataclass(frozen=True)
+class Place:
+    """A point of a curve at values of the other parameters, its `y`: see `continuation.OnPlanes`."""
+
+    curve: Curve
+    found: Found
+    y: np.ndarray
+
+    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
+        """The point at other values."""
+        found = self.curve.point(dict(zip(self.curve.over, y.tolist(), strict=True)), [self.found], None)
+        return replace(self, found=found, y=y)
+
+    def towards(self, other: Self, part: float) -> Self:
+        """The place as a neighbour of one on the way to another."""
+        return replace(self, found=self.curve.between(self.found, other.found, part))
+
+    def tests(self) -> dict[str, float]:
+        """Functions that change their sign where the curve meets another border, or turns round, by the names of that."""
+        return Curve.tests(self.curve, self.found)
+
+    def special(self, b: Self, known: float) -> list[tuple[Self, str]]:
+        """Where the curve meets other borders, or turns round, up to another of its points, in their order.
+
+        Places are so well `known`, as a share of the way; those that are not are left out.
+        """
+        at, low = Onward(self, b), 0.0
+
+        def zero_of(name: str) -> float | None:
+            return zero(at, lambda place: place.tests()[name], known)
+
+        def state(share: float) -> str:
+            return self.curve.state(at[share].found)
+
+        found = [(share, name) for name in self.tests() if (share := zero_of(name)) is not None]
+        while (before := state(low)) != state(1.0) and len(found) < MOST_CHANGES:
+            beyond = min(share for share in at if share > low and state(share) != before)
+            last, low = halved(state, low, beyond, known)
+            if low - last > known:
+                break
+            found.append((last, self.curve.passed(before, state(low))))
+        return [(at[share], name) for share, name in sorted(found)]
+
+
+class Onward(Between[PlaceLike]):
+    """The points of a step of a border, each found from the last one before it, whose equations are nearly its own."""
+
+    def near(self, share: float) -> PlaceLike:
+        low, high = max(known for known in self if known < share), min(known for known in self if known > share)
+        return self[low].towards(self[high], (share - low) / (high - low))

@@ -1,0 +1,50 @@
+"""Curves of pitchforks: where a motion in a plane begins or ceases to attract motions with a spin.
+
+All its points have spin 0. How a small spin grows there is one more equation, beside those of the orbit.
+"""
+
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from dimersweep.analysis.orbits.borders.curve import Curve, Found
+from dimersweep.analysis.orbits.continuation.branch import Equations, Point, with_derivatives
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
+from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap, first_found
+
+
+class PitchforkCurve(Curve):
+    """A curve along which a motion in a plane begins or ceases to attract: see `Curve`."""
+
+    in_plane: ClassVar = True
+
+    def _from(self, orbit: PeriodicOrbit) -> Found:
+        ways = self._ways(orbit)
+        self._check_smooth(ways[0])
+        return self._found(first_found(partial(self._met, way) for way in ways).point)
+
+    def _next(self, given: dict[str, float], near: list[Found]) -> Found:
+        old: Point = near[0].begin
+        equations = self.system(replace(old.map, parameters=given | {self.parameter: old.value}), near[0])
+        for u in (self.extrapolated(near), old.y):
+            with suppress(OrbitLost):
+                return self._found(with_derivatives(equations.solved(u, equations.derivative)[0]))
+        raise OrbitLost("no pitchfork is found from its neighbour")
+
+    def _check_smooth(self, at: Point) -> None:
+        if not self.kind.holds(at):
+            raise OrbitLost("an end slips through the turn of its slip: beside the plane the drift is not smooth")
+
+    def _found(self, at: Point) -> Found:
+        self._check_smooth(at)
+        return Found(orbit_of(at.fixed), at.value, at.settled(), loses=self.kind.is_all(at.multipliers))
+
+    def system(self, m: ReturnMap, near: Found) -> Equations:
+        at = near.begin
+        return Equations(at._replace(fixed=at.fixed._replace(map=m)), lambda _, m, image: self.kind.mark(m, image))
+
+    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Image], near: Found) -> Found:
+        return self._found(with_derivatives(self.system(extra[0], near).point(u, extra)))

@@ -1,0 +1,219 @@
+"""Borders as curves in the plane of two parameters, which may turn round in either.
+
+The unknowns are those of a point of the border (the orbit, for a bifurcation its eigenvector, the first parameter) and the
+second parameter: one more than there are equations. They are followed by `continuation`.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import islice
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.analysis.orbits.borders.curve import Curve, Found, Place
+from dimersweep.analysis.orbits.borders.curves import asked
+from dimersweep.analysis.orbits.continuation.branch import Axis
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
+from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, SAME_WAY, steps
+from dimersweep.analysis.orbits.map.finding import RTOL
+from dimersweep.analysis.orbits.map.newton import newton, target
+from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit
+from dimersweep.analysis.orbits.map.poincare import OrbitLost, singular_lost
+from dimersweep.cubes.cube import finished
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.inputs import as_number, check_count, check_switch, pair_of
+from dimersweep.parameters import check_name
+from dimersweep.symbols import PARAMETERS
+
+SHORT_ARC = 1e-3  # step from which on a kink is not avoided any more
+CHANGE_LOCATED = 1e-7  # how well what is special is known, as a share of a step
+
+
+@dataclass(frozen=True)
+class InPlane(Place):
+    """A point of a border in the plane of two parameters; see `continuation.OnCurve`.
+
+    The second parameter over its scale is the last entry of `y`, the first one that before.
+    """
+
+    other: Axis  # the second parameter
+    near: Found  # with whose equations, and in whose section, it was found
+    tangent: np.ndarray  # of length one, shape (n + 1,)
+    slope: np.ndarray | None = None  # derivative of all equations there, shape (n, n + 1)
+
+    def judge(self, to: "InPlane", step: float) -> None:
+        """Refuse a step over which the curve turns too far, or to a point whose derivatives are of two maps."""
+        if np.linalg.norm(to.y - self.y) > step / SAME_WAY or self.tangent @ to.tangent < SAME_WAY:
+            raise OrbitLost("the curve turns too sharply")
+        if step >= SHORT_ARC and _at_kink(to.found):
+            raise OrbitLost("the map has a kink there")
+
+    def elsewhere(self) -> "tuple[InPlane, ...]":
+        """None: a point of a border is in the section that suits it."""
+        return ()
+
+    def settled(self, simplest: bool = True) -> "InPlane":
+        """The point with the unknowns of its own section."""
+        found = self.found
+        y = np.append(found.begin.y, found.orbit.parameters[self.other.name] / self.other.scale)
+        same = found.begin.map.phase == self.near.begin.map.phase and y.size == self.y.size
+        along = self.tangent if same else self.tangent[-2:]
+        return replace(self, near=found, y=y)._tangential(along)
+
+    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> "InPlane":
+        """The point of the curve on the plane through `y` across `normal`."""
+
+        def value(there: np.ndarray) -> tuple[np.ndarray, Any]:
+            fails, extra = self._value(there)
+            return np.append(fails, normal @ (there - y)), extra
+
+        def derivative(there: np.ndarray) -> np.ndarray:
+            return np.vstack([self._derivative(there), normal])
+
+        known = None if self.slope is None else np.vstack([self.slope, normal])
+        root = newton(value, y, derivative, target(self.near.begin.map, self.curve.sustained), known)
+        found = self.curve.made(root.y[:-1], root.extra, self.near)
+        return replace(self, found=found, y=root.y)._tangential(self.tangent)
+
+    def towards(self, other: "InPlane", part: float) -> "InPlane":
+        """The point itself: others are looked for on the line between them."""
+        return self
+
+    def _system(self, y: np.ndarray) -> Any:
+        """The equations of the border at the second parameter."""
+        return self.curve.system(self.other.map_at(self.near.begin.map, y[-1]), self.near)
+
+    def _value(self, y: np.ndarray) -> tuple[np.ndarray, Any]:
+        return self._system(y).value(y[:-1])
+
+    def _derivative(self, y: np.ndarray) -> np.ndarray:
+        """Of all equations, shape (n, n + 1)."""
+        step = self.near.begin.map.step
+        ahead, back = (self._value(y + by * step * np.eye(y.size)[-1])[0] for by in (1, -1))
+        return np.column_stack([self._system(y).derivative(y[:-1]), (ahead - back) / (2 * step)])
+
+    @singular_lost()
+    def _tangential(self, along: np.ndarray) -> "InPlane":
+        """The point with its tangent, in the sense of `along`, of all unknowns or the last ones."""
+        slope = self._derivative(self.y)
+        tangent = np.linalg.svd(slope)[2][-1]
+        return replace(self, tangent=tangent if tangent[-along.size :] @ along >= 0 else -tangent, slope=slope)
+
+    def tests(self) -> dict[str, float]:
+        turns = {f"turn {self.curve.parameter}": self.tangent[-2], f"turn {self.other.name}": self.tangent[-1]}
+        return self.curve.tests(self.found) | turns
+
+    def to_end(self, span: tuple[float, float], points: int) -> "tuple[list[tuple[InPlane, str]], str]":
+        """The points of a curve from this one on, each with what is special there, and why it ends."""
+        rows: list[tuple[InPlane, str]] = []
+        edges = {value / self.other.scale: value for value in span}
+        try:
+            for a, b, edge in islice(steps(self, FOLLOWING, tuple(edges)), points):
+                rows += [*a.special(b, CHANGE_LOCATED), (b, "")]
+                if edge is not None:
+                    return rows, f"{self.other.name} = {edges[edge]:g} is reached"
+        except OrbitLost as reason:
+            return rows, f"lost: {reason}"
+        return rows, f"{points} points were asked for"
+
+
+def _at_kink(found: Found) -> bool:
+    """Whether contacts change so near a point that its derivatives are of two maps; the name of a hop counts for nothing."""
+    fixed = found.orbit.fixed
+    steps = 2 * fixed.map.step * np.eye(fixed.z.size)
+    sequences = (fixed.map.image(fixed.z + d).passage.sequence for d in (0.0, *steps, *-steps))
+    return len({sequence.split(" far")[0] for sequence in sequences}) > 1
+
+
+def border_curve(
+    kind: str,
+    parameter: str,
+    other: str,
+    *,
+    span: tuple[float | str, float | str],
+    spin: float | None = None,
+    start: PeriodicOrbit | None = None,
+    points: int = 200,
+    rtol: float = RTOL,
+    sustained: bool = False,
+    **fixed: float,
+) -> xr.Dataset:
+    """A border as a curve in the plane of two parameters, which may turn round in either.
+
+    Parameters
+    ----------
+    kind : str
+        fold, flip, torus, pitchfork or hop.
+    parameter, other : str
+        The two parameters.
+    span : tuple of float or str
+        Values of `other` at which the curve ends. It is begun halfway, and followed to both sides.
+    spin : float, optional
+        Axial spin [rad s-1], as in `border`.
+    start : PeriodicOrbit, optional
+        From which the first point is looked for.
+    points : int
+        Points to either side at most, special ones aside.
+    rtol : float
+        Accuracy of the map [1].
+    sustained : bool
+        Whether the spin is free, as in `border`.
+    **fixed : float
+        Parameters of the model.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `point`, from one end of the curve to the other: both parameters, the attributes of the border's
+        `PeriodicOrbit`, `loses_stability` and `doubling` as in `border`, and `meets`: the two borders that meet in a row
+        (hop-fold), or "turn" with the parameter in which the curve turns round there, each located to 1e-6 or better. At
+        flip-doubled_fold the fold of the orbit of twice the period ends on the flip (generalised flip). The attribute `ends`
+        says why the curve ends on either side, `cost` how many forcing periods of the map it took.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown kind or parameter, or a value that is not allowed.
+    OrbitError
+        If no point of the border is found.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> fold = orbits.border_curve("fold", "Gamma", "e", span=(0.59, 0.61), spin=100.0)
+    >>> bool((fold["Gamma"].diff("point") * fold["e"].diff("point") < 0).all())
+    True
+    """
+    allowed = [name for name, one in BORDER_KINDS.items() if one.has_equation]
+    if kind not in allowed:
+        raise ParameterError(f"kind = {kind!r}: has no curve (allowed: {', '.join(allowed)})")
+    check_name(other)
+    if parameter in fixed:
+        raise ParameterError(f"{parameter}: is given twice")
+    both = pair_of("span", span, f"the least and the greatest value of {other}")
+    low, high = (as_number("span", value, PARAMETERS[other].units) for value in both)
+    if not low < high:
+        raise ParameterError(f"span = ({low:g}, {high:g}): the first must be below the second")
+    middle = 0.5 * (low + high)
+    curve = asked(kind, parameter, {other: [middle, low, high]}, spin, rtol, fixed)
+    curve = replace(curve, sustained=check_switch("sustained", sustained))
+    points = check_count("points", points)
+    try:
+        found = curve.point({}, [], start)
+        axis = Axis(other, max(abs(low), abs(high)), curve.spin)
+        begin = InPlane(curve, found, np.empty(0), axis, found, np.array([0.0, 1.0])).settled()
+    except OrbitLost as reason:
+        raise OrbitError(f"no curve of a {kind} is begun at {other} = {middle:.6g}: {reason}") from reason
+    back, before = replace(begin, tangent=-begin.tangent).to_end((low, high), points)
+    on, after = begin.to_end((low, high), points)
+    rows = [*back[::-1], (begin, ""), *on]
+    all_found = [place.found for place, _ in rows]
+    meets = "the two borders that meet there, or the parameter in which the curve turns"
+    columns: dict[str, Column] = {
+        other: ([one.orbit.parameters[other] for one in all_found], PARAMETERS[other]),
+        "meets": ([special for _, special in rows], meets),
+    }
+    table = curve.table(all_found, "point", columns | Curve.columns(curve, all_found))
+    table = table.assign_attrs(other=other, ends=f"{before}; {after}").set_coords([parameter, other])
+    return finished(table, f"Border of periodic orbits: {kind} over {parameter} and {other}")

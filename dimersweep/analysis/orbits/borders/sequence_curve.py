@@ -1,0 +1,355 @@
+"""Curves along which the sequence of an orbit changes.
+
+Where an end grazes, or a hop lasts half a period, the border is the zero of a function of the orbit (a mark), and Newton's
+method finds it from where the tangent of the curve leads. Elsewhere the orbit may leap, and the border is enclosed between two
+orbits.
+"""
+
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from itertools import takewhile
+from typing import ClassVar, cast
+
+import numpy as np
+
+from dimersweep.analysis.orbits.borders.curve import REACH, Curve, Found
+from dimersweep.analysis.orbits.continuation.branch import Equations, Mark, Point, lent, with_derivatives
+from dimersweep.analysis.orbits.continuation.kinds import ANY_CHANGE, COMPLEX, FLIP, FOLD, change_of
+from dimersweep.analysis.orbits.continuation.specials import (
+    MOST_CHANGES,
+    Special,
+    graze,
+    last_with,
+    least_gap,
+    specials,
+)
+from dimersweep.analysis.orbits.continuation.stability_end import across, beyond_gap, is_stable, last_that
+from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, steps
+from dimersweep.analysis.orbits.map.manifold import lag, multipliers_of
+from dimersweep.analysis.orbits.map.newton import defect, system
+from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
+from dimersweep.analysis.orbits.map.passage import Sides, far_ends, rests, sides_of
+from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap, first_found, singular_lost
+
+WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of sequence, in the parameter over its scale
+SAME_CHANGE = 1e-7  # distance of two changes of sequence that are one, in the parameter over its scale
+BENT = 1e-2  # difference of multipliers to one side of a point and to both, beyond which the map has a kink there
+NO_JUMP = 1e-8  # jump of an orbit at a change of sequence that is none, in units of the section
+CORNER = 2e-3  # distance of a point from where its curve leads, in the parameter over its scale, from which on it has a corner
+PARTS = 5  # halvings of a step of a branch in which a hop comes near its line
+DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
+OPENED = (1e-2, 1e-1)  # ways along the branch, in units of the section, from which a grazing orbit is looked for
+MOST_DERIVATIVES = 3  # new derivatives at a point: where Newton's method asks for more, the motion is another one
+TANGENT_SHARE = 1e-3  # of the way to the next point, over which a derivative is taken
+
+
+def comes_to_rest(point: Point) -> bool:
+    """Whether an end stays on the plate for a part of the period."""
+    return rests(point.sequence)
+
+
+def crept(at: Point, mark: Mark) -> float:
+    """The parameter where a mark of the motion that drifts slowly is zero, near a fixed point at which it is.
+
+    The fixed point is another one in each section, the motion is not (see `manifold`).
+    """
+    along = cast(np.ndarray, at.mark_slope) @ at.tangent / at.tangent[-1]
+    of_motion = mark(at.map, at.map.image(at.fixed.z + lag(at.fixed)))
+    return float(at.value - at.axis.scale * (of_motion - mark(at.map, at.fixed.image)) / along)
+
+
+def _has_turned(orbit: PeriodicOrbit) -> bool:
+    """Whether a branch has turned round between a stable orbit and this one: an odd number of multipliers are beyond 1."""
+    real = orbit.multipliers[np.abs(orbit.multipliers.imag) < COMPLEX].real
+    return bool((real > 1).sum() % 2)
+
+
+class SequenceCurve(Curve):
+    """A curve along which the sequence changes: see `Curve`."""
+
+    many: ClassVar = True
+
+    def status(self, found: Found) -> str:
+        if found.sides is None:
+            return "several beyond, of motions that come to no rest"
+        if not rests(found.orbit.sequence):
+            return "one of several"
+        return f"one of {len(found.several)}" if found.several else "ok"
+
+    def columns(self, found: Collection[Found]) -> dict[str, Column]:
+        sequences = "what goes (-) and comes (+) in the sequence beyond: symbols, or pairs of them (a/b)"
+        changes = [one.sides.described(one.orbit.sequence) if one.sides else "" for one in found]
+        columns = super().columns(found) | {"change": (changes, sequences)}
+        if most := max(len(one.several) for one in found):
+            values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found])
+            columns["several"] = (values, f"{self.parameter} of all such changes along the branch of the stable orbit")
+        return columns
+
+    def _from(self, orbit: PeriodicOrbit) -> Found:
+        """The first one met of all changes along the branch of a motion of which an end comes to rest, and the values of all.
+
+        Of a motion that comes to no rest others are not known: there steps lead from one piece of the branch to any other.
+        """
+        ways = self._ways(orbit)
+        if not comes_to_rest(ways[0]):
+            return self._taken_up(first_found(partial(self._met, way) for way in ways))
+        changes = [special for way in ways for special in self._changes(way)]
+        if not changes and orbit.stable and far_ends(orbit.sequence) == 1:
+            return self._to_pieces(ways)
+        if not changes:
+            raise OrbitLost(f"no {self.kind.name} is met")
+        kept: list[Found] = []
+        for found in map(self._taken_up, changes):
+            if all(abs(found.value - other.value) > SAME_CHANGE * self.axis.scale for other in kept):
+                kept.append(found)
+        return kept[0]._replace(others=tuple(kept[1:]))
+
+    def _taken_up(self, special: Special) -> Found:
+        """The point of the border at a special point of a branch."""
+        at, sides = special.point, sides_of(*special.sequences, self.kind.begins)
+        smooth = special.jump < NO_JUMP and not at.grazes
+        if smooth and (mark := self.kind.mark(sides)):
+            with suppress(OrbitLost):
+                found = self._zero(at.map.parameters, at, sides, mark)
+                own, fast = multipliers_of(at.fixed)[0], found.orbit.multipliers
+                if own.size != fast.size or np.abs(np.abs(own) - np.abs(fast)).max() < BENT:
+                    return found  # without a kink of the map, across which its derivatives would be taken
+        return self._found(at, sides, float(np.sign(at.tangent[-1])))
+
+    def _is_met(self, special: Special) -> bool:
+        return special.kind.of_sequence and self.kind in (ANY_CHANGE, special.kind)
+
+    def _changes(self, begin: Point) -> Iterator[Special]:
+        """Changes of this kind along a branch, up to where it turns round, goes to pieces or is lost."""
+        point, sense = begin, float(np.sign(begin.tangent[-1]))
+        for _ in range(MOST_CHANGES):
+            last = point
+            try:
+                for first, end, _ in steps(point, SEARCHING):
+                    for a, b in self._parts(first, end, PARTS):
+                        found, goes_on = self._specials(a, b)
+                        for special in found:
+                            if special.kind is FOLD or not comes_to_rest(special.point):
+                                return
+                            if self._is_met(special):
+                                yield special
+                        if not goes_on or b.tangent[-1] * sense < 0:
+                            return
+                        last = b
+                return
+            except OrbitLost:
+                try:
+                    last, point = across(comes_to_rest, last, sense)
+                except OrbitLost:
+                    return
+            sequences = last.sequence, point.sequence
+            if sequences[0] != sequences[1]:
+                special = Special(change_of(*sequences), last, 1.0, np.nan, sequences)
+                if self._is_met(special):
+                    yield special
+
+    def _parts(self, a: Point, b: Point, halvings: int) -> Iterator[tuple[Point, Point]]:
+        """A step of a branch, in parts in which what makes the change hardly comes to its line and goes back."""
+        if self.kind.lines is not None and halvings:
+            first, last = (self.kind.lines(point.fixed.image) for point in (a, b))
+            if (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any():
+                with suppress(OrbitLost):
+                    middle = Between(a, b)[0.5]
+                    yield from self._parts(a, middle, halvings - 1)
+                    yield from self._parts(middle, b, halvings - 1)
+                    return
+        yield a, b
+
+    def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
+        """Special points of a step, leaps among them, and whether it leads to orbits of which an end comes to rest."""
+        found, leap = specials(a, b)
+        if leap is None:
+            return found, comes_to_rest(b)
+        further, goes_on = self._specials(cast(Point, leap.beyond), b) if rests(leap.sequences[1]) else ([], False)
+        return [*found, leap, *further], goes_on
+
+    def _to_pieces(self, ways: list[Point]) -> Found:
+        """The last orbit of which an end comes to rest: beyond it is a border for each number of bounces.
+
+        It is lost if the branch does not go to pieces.
+        """
+        try:
+            last = first_found(partial(last_that, comes_to_rest, way) for way in ways)
+        except OrbitLost as reason:
+            raise OrbitLost(f"no {self.kind.name} is met") from reason
+        return Found(orbit_of(last.fixed), last.value, last.settled())
+
+    def _found(self, at: Point, sides: Sides, sense: float) -> Found:
+        """A point of the curve, in a section that suits the next one.
+
+        Beyond it the parameter changes in the `sense` (1 or -1); 0 where the map is smooth and only the sequence changes.
+        """
+        if at.grazes:
+            sense = -float(np.sign(cast(np.ndarray, at.mark_slope)[-1]))  # the end strikes there
+        leaps = sense != 0.0 and (self.kind.zero is None or at.grazes)
+        loses = leaps and is_stable(at) and beyond_gap(is_stable, at, sense) is None
+        return Found(orbit_of(at.fixed), at.value, at.settled(), sides, loses)
+
+    def _next(self, given: dict[str, float], near: list[Found]) -> Found:
+        """The point one step from neighbours, with all others that their motion has."""
+        if near[0].sides is None or not rests(near[0].orbit.sequence):
+            raise OrbitLost("the neighbour's motion comes to no rest")
+        others = []
+        for k in range(len(near[0].others)):
+            with_it = takewhile(lambda one, k=k: len(one.others) > k, near)  # type: ignore[misc]
+            beside = [one.others[k] for one in with_it]
+            others.append(self._one(given, list(takewhile(beside[0].alike, beside))))
+        found = self._one(given, near)._replace(others=tuple(others))
+        if others and np.diff(found.several).min() < SAME_CHANGE * self.axis.scale:
+            raise OrbitLost("two changes come to one point")
+        return found
+
+    def _one(self, given: dict[str, float], near: list[Found]) -> Found:
+        found = self._near(given, near)
+        if not rests(found.orbit.sequence) or _has_turned(found.orbit) != _has_turned(near[0].orbit):
+            raise OrbitLost("the point found is one of another motion")
+        return found
+
+    def _near(self, given: dict[str, float], near: list[Found]) -> Found:
+        last, sides = near[0].begin, near[0].sides
+        assert sides is not None
+        if last.grazes:
+            return self._graze(given, last, sides)
+        if mark := self.kind.mark(sides):
+            return self._zero(given, last, sides, mark)
+
+        def between(y: np.ndarray, doubt: float) -> tuple[Found, float]:
+            return self._between(given, last, sides, y, doubt), y[-1]
+
+        guesses = self._guesses([one for one in near if not one.begin.grazes])
+        found, aim = first_found(partial(between, *guess) for guess in guesses)
+        if len(near) > 1:
+            self._smooth(found.begin, last, aim)
+        return found
+
+    def _smooth(self, at: Point, last: Point, expected: float) -> None:
+        """Refuse a point that lies elsewhere than where its curve leads from the last one: beyond a corner are others."""
+        if abs(at.y[-1] - expected) > CORNER + abs(expected - last.y[-1]):
+            raise OrbitLost(f"the curve has a corner near {self.parameter} = {at.value:.6g}")
+
+    # --- between two orbits ----------------------------------------------------------------------------------------
+
+    def _guesses(self, near: list[Found]) -> Iterator[tuple[np.ndarray, float]]:
+        """Where a change is looked for, and how well its parameter over its scale is known there."""
+        y = self.extrapolated(near)
+        if len(near) == 1:
+            yield y, DOUBT
+            return
+        yield y, abs(y[-1] - self.extrapolated(near[:-1])[-1])
+        yield self.extrapolated(near[:2]), LESS * abs(near[0].value - near[1].value) / self.axis.scale
+
+    def _between(self, given: dict[str, float], near: Point, sides: Sides, y: np.ndarray, doubt: float) -> Found:
+        """The last orbit on this side of a change: between two orbits on both sides of the guess `y`.
+
+        The guess has the parameter, over its scale, as its last entry, known to about `doubt`.
+        """
+        width = min(WIDEST, max(NARROWEST, doubt))
+        while width <= WIDEST:
+            ends = [self._at(given, near, np.append(y[:-1], y[-1] + by)) for by in (-width, width)]
+            sequences = [end.sequence for end in ends]
+            if sides.between(*sequences):
+                this, other = ends if sides.here(sequences[0]) else ends[::-1]
+                change = last_with(sides.here, 0.0, this, other)
+                if not sides.beyond(change.sequences[1]):
+                    raise OrbitLost(f"another change is nearer at {self.parameter} = {change.point.value:.6g}")
+                return self._found(change.point, sides, float(np.sign(other.value - this.value)))
+            width *= WIDER
+        at = y[-1] * self.axis.scale
+        raise OrbitLost(f"no change of sequence within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
+
+    # --- the zero of a mark ----------------------------------------------------------------------------------------
+
+    def _graze(self, given: dict[str, float], near: Point, sides: Sides) -> Found:
+        """The orbit at which an end just misses the plate, and beyond which it strikes: found from where its gap is wider."""
+        y, _ = self._ahead(given, near, least_gap)
+        for opened in OPENED:
+            with suppress(OrbitLost):
+                at, struck = graze(self._at(given, near, y + opened * near.tangent).settled())
+                if sides.between(at.sequence, struck):
+                    self._smooth(at, near, y[-1])
+                    return self._found(at, sides, 0.0)
+        raise OrbitLost(
+            f"no end grazes where the sequence changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}"
+        )
+
+    def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
+        """The orbit at which the function of the kind is zero."""
+        y, known = self._ahead(given, near, mark)
+        equations = _equations(self._beside(given, near, y), mark)
+        at, _ = equations.solved(y, equations.derivative, known, MOST_DERIVATIVES)
+        if np.abs(at.y - y).max() > REACH or not sides.here(at.sequence):
+            raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {equations.near.value:.6g}")
+        self._smooth(at, near, y[-1])
+        return self._at_zero(at, sides, mark)
+
+    def _at_zero(self, at: Point, sides: Sides, mark: Mark) -> Found:
+        at = with_derivatives(at, mark=mark)
+        return self._found(at, sides, 0.0)._replace(value=crept(at, mark))
+
+    @singular_lost()
+    def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
+        """Where the curve leads from a neighbour along its tangent, and the derivative there of all equations.
+
+        The tangent follows from the image of the neighbour's point a little way towards the new parameters, or away from
+        them where an end begins to strike.
+        """
+        y, old = near.y, near.map.parameters
+        if near.mark_slope is None:
+            near = with_derivatives(near, mark=mark)
+        known = np.vstack([near.matrix(), cast(np.ndarray, near.mark_slope)])
+        for part in (TANGENT_SHARE, -TANGENT_SHARE):
+            aside = {name: old[name] + part * (value - old[name]) for name, value in given.items() if name in old}
+            with suppress(OrbitLost):
+                m = replace(near.map, parameters=aside | {self.parameter: near.value})
+                image = m.image(y[:-1])
+                moved = mark(m, image) - mark(near.map, near.fixed.image)
+                fails = np.append(defect(m, y[:-1], image, self.axis.spin), moved)
+                if np.abs(fails).max() < REACH:
+                    return y - np.linalg.solve(known, fails / part), known
+        return y, known
+
+    # --- in the plane of two parameters ------------------------------------------------------------------------------
+
+    def _mark(self, near: Found) -> Mark:
+        """The function of the orbit that is zero on the border near a point; lost if there is none."""
+        mark = self.kind.mark(near.sides) if near.sides else None
+        if mark is None or near.begin.grazes:
+            raise OrbitLost("the border has no equation there")
+        return mark
+
+    def system(self, m: ReturnMap, near: Found) -> Equations:
+        return _equations(near.begin._replace(fixed=near.begin.fixed._replace(map=m)), self._mark(near))
+
+    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Image], near: Found) -> Found:
+        at = self.system(extra[0], near).point(u, extra)
+        return self._at_zero(at, cast(Sides, near.sides), self._mark(near))
+
+    @singular_lost()
+    def tests(self, found: Found) -> dict[str, float]:
+        fixed, name = found.begin.fixed, self.kind.name
+        fold = float(np.linalg.det(system(fixed.map, fixed.matrix, fixed.gradient, self.sustained)))
+        return {f"{name}-fold": fold, f"{name}-flip": FLIP.test(found.begin)}
+
+    # --- from a neighbour ------------------------------------------------------------------------------------------
+
+    def _at(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
+        """The orbit at the parameter's value in `y`, in the section of a point nearby."""
+        return lent(self._beside(given, near, y), y, np.eye(y.size)[-1], MOST_DERIVATIVES)
+
+    def _beside(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
+        """A point of a neighbour, to begin with at other values of the parameters."""
+        value = float(y[-1] * self.axis.scale)
+        m = replace(near.map, parameters=given | {self.parameter: value})
+        return near._replace(fixed=near.fixed._replace(map=m), value=value)
+
+
+def _equations(near: Point, mark: Mark) -> Equations:
+    """The equations of a point at which a mark is zero."""
+    return Equations(near, lambda _, m, image: mark(m, image))

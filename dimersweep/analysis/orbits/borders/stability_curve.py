@@ -1,0 +1,52 @@
+"""The end of the stretch of a parameter over which an orbit is stable, as a border over other parameters."""
+
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from typing import ClassVar
+
+from dimersweep.analysis.orbits.borders.bifurcation_curve import BifurcationCurve
+from dimersweep.analysis.orbits.borders.curve import Curve, Found
+from dimersweep.analysis.orbits.continuation.kinds import kind_words
+from dimersweep.analysis.orbits.continuation.specials import Special
+from dimersweep.analysis.orbits.continuation.stability_end import stability_end
+from dimersweep.analysis.orbits.map.finding import orbit_at
+from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
+from dimersweep.analysis.orbits.map.poincare import OrbitLost
+from dimersweep.parameters import value_of
+
+
+class StabilityCurve(Curve):
+    """An end of the stretch of the parameter over which an orbit is stable, whatever ends it: see `Curve`."""
+
+    alone: ClassVar = True
+
+    def _starts(
+        self, given: dict[str, float], start: PeriodicOrbit | None, reasons: list[str]
+    ) -> Iterator[PeriodicOrbit]:
+        """Each point is found by itself, so that a start is carried there first."""
+        if start is not None:
+            there = given | {self.parameter: value_of(self.parameter, start.parameters)}
+            start = orbit_at(there, start.spin if self.sustained else self.spin, guess=start, rtol=self.rtol)
+        return super()._starts(given, start, reasons)
+
+    def _lacking(self, stable: bool, reasons: list[str]) -> str:
+        return f"no {'end of stability' if stable else 'stable orbit'} was found; {'; '.join(reasons)}"
+
+    def _from(self, orbit: PeriodicOrbit) -> Found:
+        (way,) = self._ways(orbit)
+        special = stability_end(way)
+        return self._found(special)._replace(loses=True, by=special.kind.name)
+
+    def _found(self, special: Special) -> Found:
+        """The point of the end, with the spin put back where it is a bifurcation, as on curves of those."""
+        at = special.point
+        if special.kind.rows:
+            given = (self.parameter, self.given, self.spin, self.rtol, self.recorder)
+            own = BifurcationCurve(special.kind, *given, sustained=self.sustained)
+            with suppress(OrbitLost):
+                return own.taken_up(special)
+        return Found(orbit_of(at.fixed), at.value, at)
+
+    def columns(self, found: Collection[Found]) -> dict[str, Column]:
+        ends = ([one.by for one in found], "kind of border by which the stability ends", kind_words())
+        return super().columns(found) | {"ends_by": ends}

@@ -1,0 +1,1 @@
+"""Continuation: steps along a branch of orbits, the events on it, and its ends."""

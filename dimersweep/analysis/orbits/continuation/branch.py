@@ -1,0 +1,263 @@
+"""A branch of orbits in one parameter or the spin: its points, and steps along it in pseudo-arclength.
+
+A point of a branch is y = (section point, parameter over its scale). Two points that follow one another are in the same
+section, so that what lies between them is found on planes across the line from one to the other.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import partial
+from itertools import chain
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.analysis.orbits.continuation.steps import SAME_WAY
+from dimersweep.analysis.orbits.map.manifold import lag, multipliers_of
+from dimersweep.analysis.orbits.map.newton import NEWTON_STEPS, Fixed, defect, fixed_at, newton, solve, system, target
+from dimersweep.analysis.orbits.map.poincare import TURN, Image, OrbitLost, ReturnMap, first_found, singular_lost
+
+NEAR_TURN = 0.05  # part of the parameter in a tangent below which it says nothing of where on a branch one is
+
+Mark = Callable[[ReturnMap, Image], float]  # what is zero at a border, beside the equations of an orbit
+
+
+class Axis(NamedTuple):
+    """The quantity that changes along a branch."""
+
+    name: str  # of a parameter, or "spin"
+    scale: float  # by which its values are divided
+    spin: float | None  # axial spin along a branch in a parameter [rad/s]; None where it is free, and nothing drifts
+
+    def map_at(self, m: ReturnMap, share: float) -> ReturnMap:
+        """The map at a value of the parameter over its scale; lost where the parameter does not allow it."""
+        return m if self.name == "spin" else m.at(self.name, float(share * self.scale))
+
+    def image(self, m: ReturnMap, y: np.ndarray) -> Image:
+        """The image of a section point with the parameter over its scale."""
+        return self.map_at(m, y[-1]).image(y[:-1])
+
+    def taken_up(self, fixed: Fixed) -> Fixed:
+        """A fixed point to begin a branch with; where the spin is free, the one nearby at which nothing drifts."""
+        if self.spin is not None:
+            return fixed
+        places = chain([(fixed.map, fixed.z)], fixed.map.sections(fixed.image.passage))
+        return first_found(partial(solve, *place, None) for place in places)
+
+    def spin_at(self, value: float) -> float | None:
+        """The axial spin at a value of the quantity [rad/s]; None where it is free."""
+        return value if self.name == "spin" else self.spin
+
+
+class Point(NamedTuple):
+    """A point of a branch; see `continuation.OnCurve`."""
+
+    axis: Axis
+    fixed: Fixed
+    value: float  # of the parameter
+    slope: np.ndarray  # derivative of `defect` by the parameter over its scale, shape (n,)
+    # of length one, in the sense of the branch; where an end grazes, that in which the gap opens, shape (n + 1,)
+    tangent: np.ndarray
+    # where a mark is zero: its derivative by the section point and the parameter over its scale, shape (n + 1,)
+    mark_slope: np.ndarray | None = None
+    grazes: bool = False  # whether an end just misses the plate
+
+    @property
+    def map(self) -> ReturnMap:
+        """The map of its section."""
+        return self.fixed.map
+
+    @property
+    def sequence(self) -> str:
+        """The sequence of its motion."""
+        return self.fixed.image.passage.sequence
+
+    @property
+    def y(self) -> np.ndarray:
+        """The section point with the parameter over its scale."""
+        return np.array([*self.fixed.z, self.value / self.axis.scale])
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """Of the fast part; where the spin is free, with that of the slow direction."""
+        fast, slow = multipliers_of(self.fixed)
+        return np.append(fast, slow) if self.axis.spin is None else fast
+
+    def matrix(self) -> np.ndarray:
+        """Derivative of `defect` by y, shape (n, n + 1)."""
+        fixed = self.fixed
+        return np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient, self.axis.spin is None), self.slope])
+
+    def towards(self, along: np.ndarray | float) -> "Point":
+        """The point with its tangent in the sense of another one, or of a change of the parameter (1 or -1)."""
+        onward = self.tangent[-1] * along if np.ndim(along) == 0 else self.tangent @ along
+        return self if onward >= 0 else self._replace(tangent=-self.tangent)
+
+    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> "Point":
+        """The point of the branch on the plane through `y` across `normal`, with its own derivatives."""
+        return with_derivatives(lent(self, y, normal))
+
+    def side(self) -> float:
+        """A sign that stays along a branch, through folds and kinks, where the tangent keeps its sense, in one section."""
+        return float(np.linalg.slogdet(np.vstack([self.matrix(), self.tangent]))[0])
+
+    def judge(self, to: "Point", step: float) -> None:
+        """Refuse a step over which the branch turns too far; where the spin is free, also one that leaps."""
+        if self.tangent @ to.tangent < SAME_WAY:
+            raise OrbitLost("the branch turns too sharply")
+        if self.axis.spin is None:
+            back = self.side() != to.side() and self.fixed.image.spin * to.fixed.image.spin > 0
+            if back or np.linalg.norm(to.y - self.y) > step / SAME_WAY:
+                raise OrbitLost("the branch turns back at a kink")
+
+    def settled(self, simplest: bool = True) -> "Point":
+        """The point in another section, if events have come near its own, or (`simplest`) if simpler contact lasts elsewhere.
+
+        Where no orbit is found in another section, and where an end grazes, the point stays in its own.
+        """
+        if self.grazes:
+            return self
+        return self.map.in_own_section(self, self.fixed.image.passage, partial(_moved, self), simplest)
+
+    def elsewhere(self) -> "Iterator[Point]":
+        """The point in the section of each smooth phase of its motion in which Newton's method finds it."""
+        for moved, z in self.map.sections(self.fixed.image.passage):
+            with suppress(OrbitLost):
+                yield _moved(self, moved, z)
+
+
+def slope_of(
+    axis: Axis, m: ReturnMap, z: np.ndarray, share: float, sense: float = 0.0, mark: Mark | None = None
+) -> np.ndarray:
+    """Derivative of `defect`, and of a mark, by the parameter over its scale; with a `sense` of 1 or -1, to that side only."""
+    if axis.name == "spin":
+        slope = np.zeros(z.size if mark is None else z.size + 1)
+        slope[m.slow] = -axis.scale / m.unit
+        return slope
+
+    def at(by: float) -> np.ndarray:
+        there = axis.map_at(m, share + by)
+        image = there.image(z)
+        fails = defect(there, z, image, axis.spin)
+        return fails if mark is None else np.append(fails, mark(there, image))
+
+    def between(ahead: float, back: float) -> np.ndarray:
+        return (at(ahead) - at(back)) / (ahead - back)
+
+    # the last two at the edge of what the parameter allows
+    ways = [(sense * m.one_sided, 0.0)] if sense else [(m.step, -m.step), (m.step, 0.0), (0.0, -m.step)]
+    return first_found(partial(between, *way) for way in ways)
+
+
+@singular_lost()
+def point_of(
+    axis: Axis, fixed: Fixed, value: float, along: np.ndarray | float = 1.0, slope: np.ndarray | None = None
+) -> Point:
+    """A point of the branch with its tangent, in the sense of `along`, see `Point.towards`; and the slope, if it is known."""
+    if slope is None:
+        slope = slope_of(axis, fixed.map, fixed.z, value / axis.scale)
+    point = Point(axis, fixed, value, slope, np.empty(0))
+    return point._replace(tangent=np.linalg.svd(point.matrix())[2][-1]).towards(along)
+
+
+def with_derivatives(point: Point, senses: np.ndarray | None = None, mark: Mark | None = None) -> Point:
+    """A point with its derivatives and tangent taken anew, and the derivative of a mark.
+
+    With `senses` (1 or -1, for the section point and the parameter) they are taken to one side only.
+    """
+    axis, fixed, m = point.axis, point.fixed, point.map
+    rows = m.differences(fixed.z, None if senses is None else senses[:-1], mark)
+    slope = slope_of(axis, m, fixed.z, point.value / axis.scale, 0.0 if senses is None else senses[-1], mark)
+    n = fixed.z.size
+    again = point_of(axis, fixed._replace(matrix=rows[:n], gradient=rows[n]), point.value, point.tangent, slope[:n])
+    return again if mark is None else again._replace(mark_slope=np.append(rows[-1], slope[-1]))
+
+
+def lent(near: Point, y: np.ndarray, normal: np.ndarray, most: int = NEWTON_STEPS) -> Point:
+    """The point of the branch on the plane through `y` across `normal`, with the derivatives and the tangent of `near`.
+
+    Newton's method may take `most` new derivatives on its way. It is lost if there is none nearby.
+    """
+    axis = near.axis
+
+    def derivative(there: np.ndarray) -> np.ndarray:
+        own = axis.map_at(near.map, there[-1])
+        A = system(own, *own.jacobian(there[:-1]), axis.spin is None)
+        return np.vstack([np.column_stack([A, slope_of(axis, own, there[:-1], there[-1])]), normal])
+
+    equations = Equations(near, lambda there, *_: normal @ (there - y))
+    return equations.solved(y, derivative if most else None, np.vstack([near.matrix(), normal]), most)[0]
+
+
+class Equations:
+    """The equations of a point: the orbit closes, and one more equation holds.
+
+    That is where `last`, of section point with parameter, map and image, is zero.
+    """
+
+    def __init__(self, near: Point, last: Callable[[np.ndarray, ReturnMap, Image], float]) -> None:
+        self.axis, self.near, self.last = near.axis, near, last
+
+    def value(self, there: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
+        """How far the equations fail to hold, and the map and image from which this is known."""
+        own = self.axis.map_at(self.near.map, there[-1])
+        image = own.image(there[:-1])
+        fails = defect(own, there[:-1], image, self.axis.spin_at(there[-1] * self.axis.scale))
+        return np.array([*fails, self.last(there, own, image)]), (own, image)
+
+    def derivative(self, there: np.ndarray, step: float | None = None) -> np.ndarray:
+        """Derivative of all equations, by central differences."""
+        step = self.near.map.step if step is None else step
+        steps = step * np.eye(there.size)
+        return np.array([(self.value(there + d)[0] - self.value(there - d)[0]) / (2 * step) for d in steps]).T
+
+    def solved(
+        self,
+        y: np.ndarray,
+        derivative: Callable[[np.ndarray], np.ndarray] | None = None,
+        known: np.ndarray | None = None,
+        most: int = NEWTON_STEPS,
+    ) -> tuple[Point, np.ndarray | None]:
+        """The point near `y` at which they hold, with the derivatives and the tangent of `near`, and the last derivative used.
+
+        `derivative`, `known` and `most` are those of `newton`. It is lost if there is none nearby.
+        """
+        root = newton(self.value, y, derivative, target(self.near.map, self.axis.spin is None), known, most)
+        return self.point(root.y, root.extra, float(np.abs(root.value[:-1]).max())), root.derivative
+
+    def point(self, y: np.ndarray, extra: tuple[ReturnMap, Image], residual: float = 0.0) -> Point:
+        """The point at a solution, and what `value` returned there."""
+        own, image = extra
+        fixed = self.near.fixed._replace(map=own, z=y[:-1], image=image, residual=residual)
+        return self.near._replace(fixed=fixed, value=float(y[-1] * self.axis.scale), mark_slope=None, grazes=False)
+
+
+def _moved(point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
+    """A point of a branch in another section; `z` is that of its motion there."""
+    axis = point.axis
+    fixed = fixed_at(moved, z)
+    fixed = fixed._replace(
+        z=z - lag(fixed)
+    )  # what is a fixed point in one section is one that drifts slowly in another
+    slope = slope_of(axis, moved, z, point.value / axis.scale)
+    near = Point(axis, fixed, point.value, slope, np.zeros(z.size + 1))
+    turns = abs(point.tangent[-1]) < NEAR_TURN
+    normal = np.linalg.svd(near.matrix())[2][-1] if turns else np.eye(z.size + 1)[-1]
+    return near.on_plane(near.y, normal).towards(_ahead(point, moved, z))
+
+
+def _ahead(point: Point, moved: ReturnMap, z: np.ndarray) -> np.ndarray:
+    """Where a branch leads from a point, in another section: the way that a motion a little ahead has there."""
+    m = point.map
+    onward = np.append(np.zeros(z.size), point.tangent[-1])
+    with suppress(OrbitLost):
+        later = point.y + m.step * point.tangent
+        own = point.axis.map_at(m, later[-1])
+        passage = own.image(later[:-1]).passage
+        phases = (moved.phase - m.phase) % TURN + TURN * np.arange(m.periods)
+        places = [own.moved_to(passage, phase) for phase in phases]
+        same = [there for map_, there in places if map_.free.size == z.size]
+        if same:
+            there = min(same, key=lambda there: float(np.abs(there - z).max()))
+            onward[:-1] = (there - z) / m.step
+    return onward

@@ -1,0 +1,210 @@
+"""Follow an orbit along a branch, through folds, with its stability, its sequences and its special points."""
+
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.analysis.orbits.continuation.branch import Axis, Point, point_of
+from dimersweep.analysis.orbits.continuation.kinds import FLIP, Kind, kind_words
+from dimersweep.analysis.orbits.continuation.specials import Special, doubled, pitchfork_in, specials
+from dimersweep.analysis.orbits.continuation.stability_end import GAP, beyond_gap, furthest, kind_beyond
+from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, LOCATED, steps
+from dimersweep.analysis.orbits.map.finding import units_along
+from dimersweep.analysis.orbits.map.manifold import slow_motion_of
+from dimersweep.analysis.orbits.map.newton import Fixed, solve
+from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, dataset, orbit_of
+from dimersweep.analysis.orbits.map.poincare import OrbitLost, Recorder
+from dimersweep.cubes.cube import finished
+from dimersweep.errors import ParameterError
+from dimersweep.inputs import as_number, check_count
+from dimersweep.parameters import check_effect, value_of
+from dimersweep.symbols import PARAMETERS
+
+BEYOND_SEQUENCE = "word: the orbit does not go on beyond its sequence; the next one found has the sequence"
+MIRRORED = "plane: the spin is zero; beyond lies the mirror image of the branch"
+LEAST_SCALE = 1e-3  # of a parameter, where it and its target are both near zero
+
+
+class BranchRow(NamedTuple):
+    """A row of the dataset of a branch."""
+
+    orbit: PeriodicOrbit
+    value: float
+    kind: Kind | None = None
+    jump: float = 0.0
+
+
+def follow(
+    orbit: PeriodicOrbit,
+    parameter: str,
+    *,
+    to: float | str,
+    points: int = 200,
+    switch: bool = False,
+    sequences: bool = True,
+    sustained: bool = False,
+) -> xr.Dataset:
+    """The branch of an orbit in a parameter or the spin, by pseudo-arclength steps, through folds.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+        Where the branch begins.
+    parameter : str
+        Any parameter of the model, or "spin".
+    to : float or str
+        Where it ends. A branch that turns round at a fold ends where it comes back to the value it began with.
+    points : int
+        Points at most, special ones aside.
+    switch : bool
+        Whether to leave the branch at its first flip for that of twice the period.
+    sequences : bool
+        Whether changes of the symbol sequence are located.
+    sustained : bool
+        Whether the spin is free, and is all along the branch one at which nothing drifts; the first is found from the orbit.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `point`: the attributes of a `PeriodicOrbit`, the parameter, and `special`: fold, flip, torus, pitchfork or word
+        where the row is such a point (1e-8 in the parameter over its scale), else none, with the kind of `change` of the
+        sequence and the `jump` of the orbit. Words are flags (see `names`). The attribute `end` says why the branch ends,
+        `cost` how many forcing periods of the map it took.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter, or a value that is not allowed.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> branch = orbits.follow(orbits.find(spin=100.0), "Gamma", to=0.88)
+    >>> bool(branch["stable"].all())
+    True
+    """
+    rows, end, cost = traced(orbit, parameter, to, check_count("points", points), switch, sequences, sustained)
+    kinds, allowed = [row.kind for row in rows], kind_words()
+    special = [("word" if kind.of_sequence else kind.name) if kind else "none" for kind in kinds]
+    change = [kind.name if kind and kind.of_sequence else "none" for kind in kinds]
+    columns: dict[str, Column] = {
+        "special": (special, "kind of special point", allowed),
+        "change": (change, "what changes in the sequence", allowed),
+        "jump": ([row.jump for row in rows], "jump of the orbit, in units of the section"),
+    }
+    if parameter != "spin":
+        columns[parameter] = ([row.value for row in rows], PARAMETERS[parameter])
+    table = dataset([row.orbit for row in rows], "point", columns)
+    table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
+    return finished(table.set_coords(parameter), f"Branch of periodic orbits in {parameter}")
+
+
+class Trace(NamedTuple):
+    """The points of a branch, why it ends, and the forcing periods of the map that it took."""
+
+    entries: list[BranchRow]
+    end: str
+    cost: float
+
+
+def traced(
+    orbit: PeriodicOrbit,
+    parameter: str,
+    to: float | str,
+    points: int = 200,
+    switch: bool = False,
+    sequences: bool = True,
+    sustained: bool = False,
+) -> Trace:
+    """The points of a branch; see `follow`."""
+    axis, start, to = _axis(orbit, parameter, to, sustained)
+    free = axis.spin is None
+    edges = {
+        to / axis.scale: (to, "to: the value asked for is reached"),
+        start / axis.scale: (start, "back: the branch has turned round to its start"),
+    }
+    rows, end, recorder = [BranchRow(orbit, start)], "", Recorder()
+    fixed = axis.taken_up(orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=recorder)))
+    try:
+        point = _begin(axis, fixed, start).towards(to - start)
+        rows, taken = [_row(point)], steps(point, FOLLOWING, tuple(edges))
+        while not end and sum(row.kind is None for row in rows) < points:
+            try:
+                a, b, edge = next(taken)
+            except OrbitLost:
+                if not free:
+                    raise
+                point, end = _over_kink(point, *sorted((start, to)))
+                rows.append(_row(point))
+                taken = steps(point, FOLLOWING, tuple(edges))
+                continue
+            if free and a.fixed.image.spin * b.fixed.image.spin < 0:
+                fork, end = pitchfork_in(a, b), MIRRORED
+                rows += [_row(fork.point, fork)] if fork else []
+                continue
+            found, leap = specials(a, b, sequences)
+            flip = next((k for k, special in enumerate(found) if switch and special.kind is FLIP), None)
+            rows += [_row(special.point, special) for special in found[: None if flip is None else flip + 1]]
+            if leap is not None:
+                point, end = leap.point, f"{BEYOND_SEQUENCE} {leap.sequences[1]}"
+            elif flip is not None:
+                point, switch = doubled(found[flip].point), False
+                taken = steps(point, FOLLOWING, tuple(edges))
+            elif edge is not None:
+                value, end = edges[edge]
+                point = b._replace(value=value)
+            else:
+                point = b
+            rows.append(_row(point))
+    except OrbitLost as reason:
+        end = f"lost: {reason}"
+    return Trace(rows, end or f"points: {points} points were asked for", recorder.periods)
+
+
+def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool) -> tuple[Axis, float, float]:
+    """The quantity that changes along the branch, its value at the orbit, and where it ends."""
+    if not isinstance(orbit, PeriodicOrbit):
+        raise ParameterError(f"orbit = {orbit!r}: must be a PeriodicOrbit")
+    to = as_number("to", to, units_along(parameter))
+    if parameter != "spin":
+        check_effect({parameter, *orbit.parameters})
+    value = orbit.spin if parameter == "spin" else value_of(parameter, orbit.parameters)
+    if sustained and parameter == "spin":
+        raise ParameterError("parameter = 'spin': is free on a branch of sustained spins")
+    if to == value:
+        raise ParameterError(f"to = {to}: must differ from the value {parameter} has")
+    in_plane = parameter != "spin" and abs(orbit.spin) <= LOCATED * orbit.fixed.map.unit
+    spin = 0.0 if in_plane else None if sustained else orbit.spin
+    return Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), spin), value, to
+
+
+def _over_kink(point: Point, low: float, high: float) -> tuple[Point, str]:
+    """A sustained spin beyond a kink of the drift, by steps of the parameter in its range; or the last one, and how it ends."""
+    sense = float(np.sign(point.tangent[-1]))
+    last, goes_on = furthest(lambda other: low <= other.value <= high, point, sense)
+    if goes_on:
+        return last, ""
+    if min(abs(last.value - low), abs(last.value - high)) < LEAST_SCALE * GAP * last.axis.scale:
+        return last, "to: the value asked for is nearly reached"
+    given = last._replace(axis=last.axis._replace(spin=last.fixed.image.spin))
+    drifts = beyond_gap(lambda _: True, given, sense) is not None
+    return last, f"{kind_beyond(last).name}: {'the drift leaps over zero' if drifts else 'the family ends'}"
+
+
+def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:
+    """The first point of the branch, in its section or, where that has no derivatives, in another one; lost if none has."""
+    try:
+        return point_of(axis, fixed, value)
+    except OrbitLost:
+        for m, z in fixed.map.sections(fixed.image.passage):
+            with suppress(OrbitLost):
+                return point_of(axis, solve(m, z, axis.spin_at(value)), value)
+        raise
+
+
+def _row(point: Point, special: Special | None = None) -> BranchRow:
+    orbit = orbit_of(point.fixed, slow_motion_of(point.fixed))
+    return BranchRow(orbit, point.value, special.kind, special.jump) if special else BranchRow(orbit, point.value)

@@ -1,0 +1,274 @@
+"""Special points of a branch: folds, flips, tori, changes of sequence, and among these where an end grazes.
+
+There an end comes down, turns in the air and just misses the plate. Where the gap at which it turns is zero an impact begins,
+and the map has a square root (Nordmark, doi 10.1016/0022-460X(91)90592-8): on the side of the impact no derivative is of use.
+On the other side the map is smooth, and so is that gap. A branch may turn back there, so that both orbits exist on one side of
+the parameter.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple, cast
+
+import numpy as np
+from scipy.optimize import brentq
+
+from dimersweep.analysis.orbits.continuation.branch import NEAR_TURN, Equations, Point, lent, point_of, with_derivatives
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, PITCHFORK, Kind, change_of
+from dimersweep.analysis.orbits.continuation.steps import LEAP, LOCATED, SLOW_LEAP, Between, zero
+from dimersweep.analysis.orbits.map.manifold import eigenvector
+from dimersweep.analysis.orbits.map.newton import fixed_at, solve
+from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, Image, OrbitLost, ReturnMap
+from dimersweep.kernel.model.layout import D1, FREE, N1
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
+
+MOST_CHANGES = 12  # sequence changes within one step; places at which an orbit is lost and found again
+FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
+GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
+BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
+NEAR_FORK = (1e-3, 1e-2)  # of a pitchfork from where the branch meets the plane, in the parameter over its scale
+GAP_SAMPLES = 64  # in a forcing period, of an end in the air
+TURN_KNOWN = 1e-7  # how well the time is known at which an end turns [rad]: the gap does not change to first order
+WIDE, NO_GAP = 0.05, 1e-9  # gap beyond which no impact is near; gap that counts as none, in units of the section
+CLOSER, LEAST_CLOSER = 0.02, 0.7  # gap that is aimed at, over the one before: a step must not lead across
+
+
+def least_gap(m: ReturnMap, image: Image) -> float:
+    """The least gap at which an end turns in the air, in units of the section; infinite where none does."""
+    passage = image.passage
+    lengths, segments = np.diff(passage.times), passage.segments
+    least = np.inf
+    for end in (0, 1):
+        free = (segments[:-1, SEGMENT_MODES + end] == FREE) & (segments[:-1, SEGMENT_HOP_TIME] == 0)
+        for k in np.flatnonzero(free & (lengths > TURN / GAP_SAMPLES)).tolist():
+
+            def of_end(phases: np.ndarray, k: int = k, end: int = end) -> tuple[np.ndarray, np.ndarray]:
+                states, _ = m.states(passage, phases, k)
+                return states[:, D1 + end], states[:, N1 + end]
+
+            phases = np.linspace(passage.times[k], passage.times[k + 1], int(GAP_SAMPLES * lengths[k] / TURN) + 2)
+            rates = of_end(phases)[1]
+            for j in np.flatnonzero((rates[:-1] < 0) & (rates[1:] >= 0)):
+                try:
+                    turns = brentq(lambda at: of_end(np.array([at]))[1][0], phases[j], phases[j + 1], xtol=TURN_KNOWN)
+                except ValueError as error:  # a rate by the rounding of which one end has the other's sign
+                    raise OrbitLost(f"no time is found at which an end turns ({error})") from error
+                least = min(least, float(of_end(np.array([turns]))[0][0] / m.section.units[0]))
+    return least
+
+
+def graze(near: Point) -> tuple[Point, str]:
+    """The orbit near one at which an end just misses the plate, and the sequence where it strikes; lost if no end does."""
+    aim = gap = least_gap(near.map, near.fixed.image)
+    if not NO_GAP < gap < WIDE:
+        raise OrbitLost("no end turns near the plate")
+
+    equations = Equations(near, lambda _, m, image: least_gap(m, image) - aim)
+    first = equations.derivative(near.y, min(near.map.step, 0.1 * gap))
+    if not np.isfinite(first).all():
+        raise OrbitLost("the end strikes beside the orbit already")
+    at, known, closer = near, first, CLOSER
+    while gap > NO_GAP:
+        aim = max(closer * gap, NO_GAP)
+        try:
+            at, latest = equations.solved(at.y, known=known)
+        except OrbitLost:  # the step led across, or too far
+            closer **= 0.5
+            if closer > LEAST_CLOSER:
+                raise
+            continue
+        gap, known, closer = aim, first if latest is None else latest, CLOSER
+    opens = first[-1]
+    at = with_derivatives(at._replace(tangent=opens), np.where(opens >= 0, 1.0, -1.0))
+    beyond = at.axis.image(at.map, at.y - at.map.one_sided * opens / np.abs(opens).max())
+    return at._replace(mark_slope=opens, grazes=True), beyond.passage.sequence
+
+
+class Special(NamedTuple):
+    """A special point of a branch."""
+
+    kind: Kind  # of border that the branch crosses there
+    point: Point
+    share: float  # of the step at which it lies
+    jump: float = 0.0  # of the orbit at a change of sequence, in units of the section
+    sequences: tuple[str, str] = ("", "")  # on both sides of it
+    beyond: Point | None = None  # the first orbit beyond it
+
+
+def specials(a: Point, b: Point, sequences: bool = True) -> tuple[list[Special], Special | None]:
+    """Special points of a step of a branch, in their order, and the change of sequence at which it leaps to another branch."""
+    changes: list[Special] = []
+    for change in sequence_changes(a, b) if sequences else ():
+        if change.jump > JOINED or len(changes) == MOST_CHANGES:
+            return changes, change
+        changes.append(change)
+    at = Between(a, b)
+    found = [special for kind in BORDER_KINDS.values() if (special := located(kind, at)) is not None]
+    return sorted([*found, *changes], key=lambda special: special.share), None
+
+
+def located(kind: Kind, at: Between[Point]) -> Special | None:
+    """The zero of a kind's test function in a step; none if the function does not change its sign, or leaps over zero."""
+    leap = SLOW_LEAP if at[0.0].axis.spin is None else LEAP
+    share = zero(at, kind.test, max(LOCATED / (abs(at.way[-1]) or at.length), 1e-14), leap)
+    return None if share is None or not kind.holds(at[share]) else Special(kind, at[share], share)
+
+
+def pitchfork_in(a: Point, b: Point) -> Special | None:
+    """The pitchfork at which a branch of sustained spins, in the step to its mirror image, parts from the motions in a plane.
+
+    There is none where the drift is not smooth about a plane: the spin falls like an exponential and does not come to 0.
+    """
+    spins = [point.fixed.image.spin for point in (a, b)]
+    y = a.y + spins[0] / (spins[0] - spins[1]) * (b.y - a.y)
+    value, along = float(y[-1] * a.axis.scale), np.eye(y.size)[-1]
+    with suppress(OrbitLost):
+        plane = point_of(a.axis._replace(spin=0.0), solve(a.axis.map_at(a.map, y[-1]), y[:-1], 0.0), value)
+        for near in NEAR_FORK:
+            sides = (plane.on_plane(plane.y + by * along, along) for by in (-near, near))
+            if found := located(PITCHFORK, Between(*sides)):
+                return found
+    return None
+
+
+def sequence_changes(a: Point, b: Point) -> Iterator[Special]:
+    """Where the sequence changes between two points of a branch, one after the other."""
+    low, left = 0.0, a
+    while left.sequence != b.sequence:
+        change = last_with(left.sequence.__eq__, low, left, b)
+        yield change
+        low, left = change.share, cast(Point, change.beyond)
+
+
+def last_with(holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Special:
+    """Where sequences cease to satisfy `holds`, between `left`, at which they do, and the end of the step, `b`.
+
+    Where an end that sticks begins to slip, friction falls from mu_s to mu at once, and the map leaps: for a little way there
+    may be no orbit, which counts as beyond the change. Where an end begins to strike, the change is where it grazes. The
+    derivatives at the point are those on its own side.
+    """
+    bracket = Bracket(holds, low, left, b)
+    bracket.narrow(GRAZING)
+    with suppress(OrbitLost):
+        return bracket.grazing()
+    bracket.narrow(LOCATED)
+    at = on_own_side(bracket.left, holds)
+    jump = float(np.abs(at.y - bracket.right.y).max())
+    return _change(at, bracket.low, jump, (at.sequence, bracket.right.sequence), bracket.right)
+
+
+def _change(at: Point, share: float, jump: float, sequences: tuple[str, str], beyond: Point) -> Special:
+    return Special(change_of(*sequences), at, share, jump, sequences, beyond)
+
+
+def on_own_side(at: Point, holds: Callable[[str], bool]) -> Point:
+    """A point with its derivatives, by each of y, to the side on which the sequence satisfies `holds`."""
+
+    def kept(d: np.ndarray) -> bool:
+        with suppress(OrbitLost):
+            return holds(at.axis.image(at.map, at.y + d).passage.sequence)
+        return False
+
+    return with_derivatives(at, np.array([1.0 if kept(d) else -1.0 for d in at.map.one_sided * np.eye(at.y.size)]))
+
+
+class Bracket:
+    """A part of a step, from its share `low` to its end: at `left` the sequence satisfies `holds`, at `right` not."""
+
+    def __init__(self, holds: Callable[[str], bool], low: float, left: Point, right: Point) -> None:
+        self.holds = holds
+        self.low, self.left, self.right, self.at_right = low, left, right, 1.0
+        self.high = 1.0  # from here on the sequence does not satisfy it, or there was no orbit
+        self.begin, self.first, self.way = left.y, low, right.y - left.y
+        self.length = max(abs(self.way[-1] / (1 - low)), LOCATED)
+        self.steep = min(abs(left.tangent[-1]), abs(right.tangent[-1])) < NEAR_TURN
+        self.slope = left.tangent if self.steep else left.tangent / left.tangent[-1]  # by the parameter over its scale
+
+    def narrow(self, width: float) -> None:
+        """Halve the bracket until it is so wide, in the parameter over its scale, with the derivatives at its end.
+
+        Where the image of the middle has another sequence, the middle lies beyond, whether there is an orbit or not.
+        """
+        for _ in range(MOST_CHANGES):
+            while (self.high - self.low) * self.length > width:
+                middle = 0.5 * (self.low + self.high)
+                try:
+                    self._take(middle, self.left)
+                except OrbitLost:
+                    self.high = middle
+            if self._look_beyond():
+                return
+            try:  # further on with derivatives taken anew
+                self._take(2 * self.high - self.low, with_derivatives(self.left))
+            except OrbitLost:
+                return
+            self.high = self.at_right
+
+    def _look_beyond(self) -> bool:
+        """Find the next orbit beyond with another sequence; whether it lies right at the end of the bracket."""
+        share, step = self.high, self.high - self.low
+        while share < self.at_right:
+            with suppress(OrbitLost):
+                point = lent(self.right, *self._plane(share), most=0)
+                if not self.holds(point.sequence):
+                    self.right, self.at_right = point, share
+                    break
+            share, step = share + step, FURTHER * step
+        return self.at_right == self.high
+
+    def _take(self, share: float, near: Point) -> None:
+        """Move the start of the bracket to the orbit at a share of the step, found with the derivatives of a point nearby.
+
+        It is lost if there is none, or its sequence does not satisfy the condition.
+        """
+        y, normal = self._plane(share)
+
+        def off_plane(there: np.ndarray, _: ReturnMap, image: Image) -> float:
+            if not self.holds(image.passage.sequence):
+                raise OrbitLost("the sequence changes")
+            return float(normal @ (there - y))
+
+        point = Equations(near, off_plane).solved(y, known=np.vstack([near.matrix(), normal]))[0]
+        way = point.y - self.left.y
+        self.low, self.left = share, point
+        if not self.steep:
+            self.slope = way / way[-1]
+
+    def _plane(self, share: float) -> tuple[np.ndarray, np.ndarray]:
+        """Where the branch may be at a share of the step, and the direction across which it is looked for there.
+
+        That is the parameter: from end to end the orbit may leap. Near a fold, where the parameter hardly changes, it is the
+        line from end to end.
+        """
+        start, part = self.left.y, (share - self.low) / (self.at_right - self.low)
+        way = self.right.y - start
+        if self.steep:
+            return start + part * way, way / np.linalg.norm(way)
+        return start + part * way[-1] * self.slope, np.eye(way.size)[-1]
+
+    def grazing(self) -> Special:
+        """Where an end grazes in the bracket; lost if none does, or the sequences on both sides satisfy the condition alike."""
+        near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image))
+        at, struck = graze(near)
+        missed = at.sequence
+        low, high = sorted((self.left.value, self.right.value))
+        aside = GRAZING * at.axis.scale  # the branch may turn back at the graze
+        if not low - aside <= at.value <= high + aside or self.holds(missed) == self.holds(struck):
+            raise OrbitLost("no end grazes where the sequence changes")
+        share = self.first + (1 - self.first) * ((at.y - self.begin) @ self.way) / (self.way @ self.way)
+        if near is self.right:
+            return _change(at, share, 0.0, (self.left.sequence, missed), at)
+        return _change(at, share, 0.0, (self.left.sequence, struck), self.right)
+
+
+def doubled(flip: Point) -> Point:
+    """The branch of twice the period that leaves a flip, a little way along it; lost if none is found."""
+    direction = eigenvector(flip.fixed.matrix, -1)
+    tangent = np.append(direction / np.linalg.norm(direction), 0.0)
+    y = flip.y + BORN * tangent
+    m = replace(flip.map, periods=2 * flip.map.periods)
+    try:
+        return point_of(flip.axis, fixed_at(m, y[:-1]), flip.value)._replace(tangent=tangent).on_plane(y, tangent)
+    except OrbitLost as reason:
+        raise OrbitLost(f"no branch of twice the period was found ({reason})") from reason

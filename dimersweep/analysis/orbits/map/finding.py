@@ -1,0 +1,377 @@
+"""Find an orbit: from a run, from another orbit, or from the closed form of a ball on a plate."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from math import acos, cos, sin
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from dimersweep.analysis.orbits.map.ball import ball_fold
+from dimersweep.analysis.orbits.map.manifold import multipliers_of, slow_direction, slow_motion_of
+from dimersweep.analysis.orbits.map.newton import Fixed, solve, system
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
+from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, OrbitLost, Recorder, ReturnMap, in_steps
+from dimersweep.errors import OrbitError, ParameterError, one_line
+from dimersweep.inputs import as_number, check_count, check_rtol
+from dimersweep.kernel.model.layout import DIP, FREE, N_STATE, PERIOD, PHASE, ROW, ROW_PHI0, STICK, WB, State
+from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
+from dimersweep.kernel.section import SPIN_COORDINATE
+from dimersweep.parameters import (
+    Parameters,
+    check_level,
+    check_name,
+    check_names,
+    dimer_from,
+    fill_rows,
+    updated,
+    value_of,
+)
+from dimersweep.runs.run import Run
+from dimersweep.runs.starting import is_point
+from dimersweep.symbols import PARAMETERS
+
+Start = tuple[ReturnMap, np.ndarray]
+
+RTOL = 1e-12  # accuracy of the map, where none is asked for
+TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
+ONE_ORBIT = 1e-6  # radii and phases of two orbits that are one, relative to each other
+SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated
+MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
+SMALLEST_SHARE = 1e-3  # of the way from the parameters of one orbit to other ones
+GAPS_AND_RATES = range(4)  # the first of the coordinates of a section
+RUN_IN = 40  # periods in which the fast part of a stable motion settles
+SECTION = 0.75 * TURN  # of the guess: well before the double impact, which lies in the first quadrant
+
+
+def rolled_up(parameters: dict[str, float]) -> float:
+    """Axial spin [rad/s] of a lateral start with `xdot0` once friction has set its end rolling.
+
+    The angular momentum about the contact point is kept: m v + J_a s/r = m xdot0, v = r s.
+    """
+    dm = dimer_from(parameters)
+    return parameters["xdot0"] / dm.p1.r / (1 + dm.J_a / (dm.m * dm.p1.r**2))
+
+
+def first_map(
+    given: dict[str, float], periods: int = 1, rtol: float = RTOL, recorder: Recorder | None = None
+) -> ReturnMap:
+    """The map in the section of the guess."""
+    return ReturnMap(given, SECTION, np.array([STICK, FREE], dtype=float), periods, rtol, recorder or Recorder())
+
+
+def ball_state(m: ReturnMap, spin: float) -> np.ndarray:
+    """Kernel state at `SECTION` if p2 were a ball that bounces once a period, and p1 stayed down."""
+    e, Gamma, dm = value_of("e_2", m.parameters), m.parameters["Gamma"], m.dimer
+    phase = acos(min(1.0, ball_fold(e) / Gamma)) if Gamma > 0 else 0.0
+    kappa = -dm.m * dm.p1.h * dm.l / (dm.J_t + dm.m * dm.p1.h**2)  # acceleration of p2 over gravity while p1 stays down
+    tau, leaves = SECTION - phase, 2 * np.pi * e / (1 + e)
+    rate = kappa * (leaves - tau - Gamma * (cos(SECTION) - cos(phase)))
+    gap = kappa * (leaves * tau - tau**2 / 2 - Gamma * (sin(SECTION) - sin(phase) - tau * cos(phase)))
+    v = dm.g / dm.omega
+    d2, n2 = max(gap, 0.1) * v / dm.omega, rate * v
+    begun = np.array(State(d2=d2, n2=n2, spin=spin, cb=dm.p1.r * spin))
+    state = m.section.state(m.section.point(begun), np.full(2, float(FREE)))
+    state[WB] = n2 / (dm.l * max(0.1, cos(dm.beta_0 + state[DIP])))
+    return m.section.held(state, m.modes)
+
+
+def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap, np.ndarray]:
+    """The map at a section of its own, and the point there, after some periods from a state at the section of `m`.
+
+    It is lost if the kernel cannot go on, or both ends have come to rest on the plate.
+    """
+    for _ in range(periods // m.periods):
+        state[[PHASE, PERIOD]] = 0.0
+        state, _, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
+    if (passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2] != FREE).all():
+        raise OrbitLost("the motion dies: both ends stay on the plate")
+    return m.moved(passage)
+
+
+def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> Iterator[Start]:
+    """The motion that a run from a stable orbit settles on at other parameters or another spin, in each of its sections.
+
+    The fast part settles while the spin is put back once a period, whatever the contacts it comes to. It is lost if the orbit
+    is not stable, or the motion is further from where the orbit leads than `most`, in units of the section. `m` is the map of
+    the other parameters in the section of the orbit, and the spin that after the last impact of a period [rad/s].
+    """
+    if not (np.abs(multipliers_of(at)[0]) < 1).all():
+        raise OrbitLost("the orbit is unstable: no run stays near it")
+    along, _ = slow_direction(at)
+    state = begin = m.state(at.z + along * (spin - at.image.spin) / m.unit)
+    for _ in range(RUN_IN):
+        state[PHASE] = 0.0
+        state, modes, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
+        if not passage.read.strikes:
+            raise OrbitLost("the motion dies: nothing strikes the plate")
+        there = replace(m, modes=modes)
+        z = there.section.point(state)[there.free]
+        z[there.slow] += (spin - passage.read.spin) / there.unit
+        state = there.state(z)
+    leap = np.delete(np.abs(m.section.point(state) - m.section.point(begin)), SPIN_COORDINATE)
+    if leap.max() > most:
+        raise OrbitLost("the run leaves for another motion")
+    yield from m.sections(passage)
+
+
+def of_run(run: Run, m: ReturnMap, number: int = -1) -> Start:
+    """The map and the point that a recorded run has come to at its end, or where another segment begins with a period.
+
+    The parameters of `m` may differ from those of the run.
+    """
+    record = run.record("guess")
+    segment = record.segments[number]
+    m = replace(m, phase=record.row[ROW_PHI0], modes=segment[SEGMENT_MODES:SEGMENT_HOP_TIME].copy())
+    return settled_on(m, segment[:N_STATE].copy(), m.periods)
+
+
+def find(
+    guess: Run | PeriodicOrbit | xr.Dataset | None = None,
+    *,
+    spin: float | str | None = None,
+    periods: int | None = None,
+    rtol: float = RTOL,
+    **parameters: Any,
+) -> PeriodicOrbit:
+    """Return the orbit at an axial spin, or that of a run: a fixed point of the fast part of the return map, stable or not.
+
+    Without a guess it is looked for from three starts, until one leads to a stable orbit. If none does, it is the first that
+    was found. Others that were found on the way are its `others`.
+
+    Parameters
+    ----------
+    guess : Run, PeriodicOrbit or xarray.Dataset, optional
+        A recorded run, whose settled motion is on the orbit, or an orbit nearby, or one point of a cube: the run behind it.
+        Parameters that are not given are as there.
+    spin : float, optional
+        Axial spin after the double impact [rad s-1]; by default that of the guess, or without one what a lateral start
+        with `xdot0` rolls up to. 0.0 is the dimer that moves in a plane.
+    periods : int, optional
+        Forcing periods after which the motion repeats; by default as the guess does, or 1 without one. Where it is given, a
+        run need not have settled: the orbit is looked for near its end.
+    rtol : float
+        Accuracy of the map [1].
+    **parameters : float
+        Of the model; by default the paper's base case.
+
+    Returns
+    -------
+    PeriodicOrbit
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter or a value that is not allowed, and for a run whose motion does not repeat.
+    OrbitError
+        If Newton's method does not come to an orbit, with what was tried.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits, simulate
+    >>> orbit = orbits.find(Gamma=0.9, spin=100.0)
+    >>> abs(orbit.multipliers).round(3).tolist()
+    [0.599, 0.599, 0.308]
+    >>> run = simulate(f=16, periods=200)
+    >>> orbits.find(run).stable, round(orbits.find(run).radius, 4), round(run.orbit.radius, 4)
+    (True, 4.9165, 4.9165)
+    """
+    known: Any = guess.dimersweep.run() if is_point(guess) else guess
+    given = checked(parameters, known)
+    return orbit_at(
+        given,
+        None if spin is None else checked_spin(spin, given),
+        _periods_of(known) if periods is None else check_count("periods", periods),
+        known,
+        check_rtol(rtol),
+    )
+
+
+def _periods_of(guess: Run | PeriodicOrbit | None) -> int:
+    """Return the forcing periods after which a guess repeats, 1 without one; raise a ParameterError if it does not."""
+    if not isinstance(guess, Run):
+        return 1 if guess is None else guess.periods
+    if guess.mode_period:
+        return guess.mode_period
+    near = "; periods=1 looks near its end nonetheless"
+    ways = {"unresolved": f"; let it go on, as by run.go_on(400){near}", "aperiodic": near}
+    why = guess.message if guess.status != "ok" else f"its motion is {guess.mode}"
+    raise ParameterError(f"guess: the run has settled on no orbit ({why}){ways.get(guess.mode, '')}")
+
+
+def orbit_at(
+    given: dict[str, float],
+    spin: float | None = None,
+    periods: int = 1,
+    guess: Run | PeriodicOrbit | None = None,
+    rtol: float = RTOL,
+    recorder: Recorder | None = None,
+) -> PeriodicOrbit:
+    """The orbit at a given spin, for parameters that have been checked; see `find`. A `recorder` goes on counting periods."""
+    m = first_map(given, periods, rtol, recorder)
+    tried: list[str] = []
+    found: list[PeriodicOrbit] = []
+    for name, start in _starts(m, spin, guess):
+        try:
+            orbit = _found(start())
+        except OrbitLost as reason:
+            tried.append(f"{name}: {reason}")
+            continue
+        if orbit.stable:
+            return replace(orbit, others=tuple(found))
+        told = [orbit.radius, orbit.impact_phase]
+        if not any(
+            np.isclose(told, [other.radius, other.impact_phase], ONE_ORBIT, equal_nan=True).all() for other in found
+        ):
+            found.append(orbit)
+    if found:
+        return replace(found[0], others=tuple(found[1:]))
+    where = "" if spin is None else f" at spin = {spin:g} rad/s"
+    least, why = ball_fold(value_of("e_2", given)), ""
+    if given["Gamma"] < least:
+        why = f" (a ball that bounces once a period needs Gamma >= pi (1 - e)/(1 + e) = {least:.4f})"
+    raise OrbitError(f"no orbit of period {periods}{where}{why}; tried {'; '.join(tried)}")
+
+
+def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None) -> dict[str, float]:
+    """All parameters, those of the guess where they are not given; refuses unknown ones, and values that are not allowed."""
+    check_names(parameters)
+    if guess is not None and not isinstance(guess, Run | PeriodicOrbit):
+        raise ParameterError(f"guess = {one_line(repr(guess))}: must be a Run, a PeriodicOrbit or one point of a cube")
+    given = Parameters(**updated({} if guess is None else guess.parameters, parameters)).given()
+    check_level(given, "orbits", "; orbits.centre_drift has what a small one does to a circle")
+    return given
+
+
+def units_along(name: str) -> str:
+    """Return the unit of a parameter or of the `spin`; raise a ParameterError if it is neither."""
+    if name != "spin":
+        check_name(name)
+    return "rad s-1" if name == "spin" else PARAMETERS[name].units
+
+
+def checked_spin(spin: Any, given: dict[str, float]) -> float:
+    """An axial spin [rad/s]; by default what a lateral start with `xdot0` rolls up to.
+
+    Refuses what is no number, or so fast that no orbit has it.
+    """
+    spin = rolled_up(given) if spin is None else as_number("spin", spin, "rad s-1")
+    most = MOST_TURNS * TURN * given["f"]
+    if abs(spin) > most:
+        raise ParameterError(f"spin = {spin:g}: must be at most {most:.3g} rad/s in size")
+    return spin
+
+
+def at_end(
+    parameters: Mapping[str, float], start: np.ndarray, periods: int, rtol: float, recorder: Recorder
+) -> tuple[ReturnMap, np.ndarray]:
+    """The map where a run of `parameters` has ended, over so many forcing periods, and the kernel's state there.
+
+    `start` is that end, at the start of a forcing period: state and friction modes, shape (N_START,).
+    """
+    m = ReturnMap(dict(parameters), parameters["phi0"], start[N_STATE:].copy(), periods, rtol, recorder)
+    state = start[:N_STATE].copy()
+    state[PHASE] = 0.0
+    return m, state
+
+
+def orbit_through(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
+    """The orbit of a motion that has settled, near a point of its section; lost if there is none."""
+    fixed = solve(m, z, m.image(z).spin)
+    return orbit_of(fixed, slow_motion_of(fixed))
+
+
+def _starts(
+    m: ReturnMap, spin: float | None, guess: Run | PeriodicOrbit | None
+) -> Iterator[tuple[str, Callable[[], Fixed]]]:
+    """What leads to an orbit of the map, in any section, in the order in which it is tried, each with its name."""
+    if isinstance(guess, Run):
+        yield "the end of the run", partial(_from_run, guess, m, spin)
+    elif isinstance(guess, PeriodicOrbit):
+        yield "the orbit given", partial(_from_orbit, guess, m, guess.spin if spin is None else spin)
+    else:
+        spin = rolled_up(m.parameters) if spin is None else spin
+        for transient in TRANSIENTS:
+            name = f"the ball's orbit in closed form, {transient} period{'s' if transient > 1 else ''} on"
+            yield name, partial(_from_ball, m, spin, transient)
+
+
+def _found(fixed: Fixed) -> PeriodicOrbit:
+    """The orbit of a fixed point; lost if it repeats after fewer periods."""
+    fixed = centred(fixed)
+    shorter = repeats_after(fixed)
+    if shorter < fixed.map.periods:
+        raise OrbitLost(f"the motion found repeats after {shorter} already; ask for periods={shorter}")
+    slow_motion = slow_motion_of(fixed)
+    matrix, gradient = fixed.map.jacobian(slow_motion.z)  # a run is multiplied by those of where it is
+    seen = fixed._replace(matrix=matrix, gradient=gradient)
+    return replace(orbit_of(seen, slow_motion), fixed=fixed)
+
+
+def centred(fixed: Fixed) -> Fixed:
+    """The orbit in another section, if an event lies near its own and it is found there."""
+    image = fixed.image
+    return fixed.map.in_own_section(fixed, image.passage, lambda m, z: solve(m, z, image.spin))
+
+
+def repeats_after(fixed: Fixed) -> int:
+    """Least number of forcing periods after which a motion comes back to its point of the section."""
+    m = fixed.map
+    first = m.state(fixed.z)
+    # an end that stays down here may be in the air a period on
+    fast = np.union1d(GAPS_AND_RATES, np.delete(m.free, m.slow))
+    for k in range(1, m.periods):
+        if m.periods % k == 0:
+            state, _ = m.sampled(fixed.image.passage, TURN * k)
+            if np.abs(m.section.point(state) - m.section.point(first))[fast].max() < SAME:
+                return k
+    return m.periods
+
+
+def _from_ball(m: ReturnMap, spin: float, transient: int) -> Fixed:
+    """Newton from the ball's orbit, after a transient."""
+    state = ball_state(m, spin)
+    return solve(*settled_on(m, state, transient * m.periods), spin)
+
+
+def _from_run(run: Run, m: ReturnMap, spin: float | None) -> Fixed:
+    """Newton from what a run has come to."""
+    m, z = of_run(run, m)
+    return solve(m, z, m.image(z).spin if spin is None else spin)
+
+
+def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
+    """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
+    old, given = orbit.fixed.map, m.parameters
+    begin = orbit.fixed._replace(map=replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
+
+    def step(fixed: Fixed, there: float) -> Fixed:
+        values = given
+        if there < 1.0:
+            first, last = (
+                dict(zip(ROW, fill_rows(one, 1)[0].tolist(), strict=True)) for one in (old.parameters, given)
+            )
+            values = {name: first[name] + there * (last[name] - first[name]) for name in ROW}
+        alike = fixed is not begin or m.periods == old.periods
+        known = system(fixed.map, fixed.matrix, fixed.gradient) if alike else None
+        return _beside(fixed, replace(fixed.map, parameters=values), orbit.spin + there * (spin - orbit.spin), known)
+
+    return in_steps(step, begin, SMALLEST_SHARE)
+
+
+def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -> Fixed:
+    """The orbit at other parameters or another spin by Newton from one nearby, or over a change of sequence from a run."""
+    try:
+        return centred(solve(m, fixed.z, spin, known))
+    except OrbitLost:
+        if known is None:
+            raise
+        for own, z in settled_near(fixed, m, spin):
+            with suppress(OrbitLost):
+                found = solve(own, z, spin)
+                if np.abs(found.z - z).max() < JOINED:
+                    return centred(found)
+        raise

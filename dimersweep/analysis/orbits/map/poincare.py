@@ -1,0 +1,376 @@
+"""The Poincaré map of the dimer: from a section to itself, in the coordinates that contact leaves free there.
+
+The section is a phase of the plate that lies away from the events of the orbit. A point of it is the row of those
+coordinates of `period_map.NAMES` that are free in the contact there, in their units; the axial spin is one of them, the
+rest is the fast part. The cost of all that is asked here is counted in forcing periods.
+
+Whatever is asked of the map, or of what is built on it, may be lost (`OrbitLost`): where the kernel cannot go on, or the motion
+comes to another contact. A fault of the kernel is none of this (`KernelError`).
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from dimersweep.analysis.orbits.map.passage import TURN, Passage
+from dimersweep.errors import KernelError, OrbitError, ParameterError
+from dimersweep.kernel.batch import ask_for
+from dimersweep.kernel.course import new_workspace
+from dimersweep.kernel.model.body import dimer_of
+from dimersweep.kernel.model.layout import (
+    JAMMED,
+    MAX_EVENTS,
+    N_STATE,
+    OK,
+    PERIOD,
+    PHASE,
+    RECORD_FULL,
+    STATUS_MESSAGES,
+    Dimer,
+)
+from dimersweep.kernel.model.plate import started_at
+from dimersweep.kernel.passage import R_SPIN, Read, Reading, new_reading
+from dimersweep.kernel.record import SEGMENT_MODES, Record, new_record, no_record
+from dimersweep.kernel.return_map import OTHER_CONTACT, advance, images
+from dimersweep.kernel.sample import sample
+from dimersweep.kernel.section import SPIN_COORDINATE, STEEP, SUNK
+from dimersweep.parameters import bounds, check, fill_rows, slots_of
+from dimersweep.runs.period_map import Section, free_coordinates
+from dimersweep.runs.solving import MAX_ROWS, RECORD_GROWTH, RECORD_ROWS
+
+JOINED = 0.1  # distance of points of one branch on both sides of a change of sequence, in units of the section
+MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
+LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
+
+WHY_NONE = {
+    SUNK: "an end meets the plate at the section",
+    STEEP: "no dimer is so steep",
+    OTHER_CONTACT: "the contact at the section changes",
+}
+
+T = TypeVar("T")
+
+
+class OrbitLost(OrbitError):
+    """The map cannot be taken here, or leads to another contact: in one line, why."""
+
+
+@contextmanager
+def singular_lost() -> Iterator[None]:
+    """Matrices that have no inverse or no eigenvectors, as an orbit that is lost; also for functions, as their decorator."""
+    try:
+        yield
+    except np.linalg.LinAlgError as error:
+        raise OrbitLost(f"the derivatives there are of no use ({error})") from error
+
+
+def first_found(ways: Iterable[Callable[[], T]]) -> T:
+    """What the first of some ways leads to that leads anywhere; if none does, it is lost for the last one's reason."""
+    reason: OrbitError = OrbitLost("there is nothing to begin with")
+    for way in ways:
+        try:
+            return way()
+        except OrbitError as error:
+            reason = error
+    raise reason
+
+
+def in_steps(step: Callable[[T, float], T], begin: T, least: float) -> T:
+    """Where steps lead, each from where the one before has led, up to a share of the way; half as long where one is lost.
+
+    It is lost where steps would have to be shorter than `least`.
+    """
+    here, done, length = begin, 0.0, 1.0
+    while done < 1.0:
+        to = min(1.0, done + length)
+        try:
+            here, done, length = step(here, to), to, 2 * length
+        except OrbitLost as reason:
+            length *= 0.5
+            if length < least:
+                raise OrbitLost(f"{reason}, {done:.0%} of the way") from reason
+    return here
+
+
+class Image(NamedTuple):
+    """Where a point goes: the image in the free coordinates, and the record."""
+
+    point: np.ndarray
+    passage: Passage
+
+    @property
+    def spin(self) -> float:
+        """After the last impact of the bouncer, or before it is put back [rad/s]."""
+        return self.passage.read.spin
+
+    @property
+    def theta(self) -> float:
+        """Change of theta [rad]."""
+        return self.passage.read.theta
+
+
+class Recorder:
+    """What the maps of one task share: the record that the kernel writes, grown when it is full, and the count of periods."""
+
+    def __init__(self) -> None:
+        self.space = new_workspace()
+        self.periods = 0.0  # forcing periods that have been run
+        self.record = new_record(RECORD_ROWS)
+
+    def run(
+        self, row: np.ndarray, start: np.ndarray, periods: int, rtol: float, path: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, Passage]:
+        """State and friction modes after whole periods, and the record."""
+        self.periods += periods - start[PHASE] / TURN
+        ask = ask_for(periods, rtol, path=path)
+
+        def made(record: Record, reading: Reading) -> tuple[int, np.ndarray, np.ndarray]:
+            state, modes = start.copy(), np.zeros(2)
+            return advance(row, state, modes, ask, self.space, record, reading), state, modes
+
+        (status, state, modes), reading = self._recorded(1, made)
+        _check(status)
+        return state, modes, self.passages(reading)[0]
+
+    def images(self, m: "ReturnMap", points: np.ndarray, chained: bool) -> tuple[np.ndarray, Reading]:
+        """Images of points of a map, shape (n, k), and what is read off the record; see ``return_map.images``."""
+        own = (m.plain_row, m.section.units, points, m.free, m.of_section, m.modes, m.ask)
+        found = np.empty(points.shape)
+
+        def made(record: Record, reading: Reading) -> tuple[int, int]:
+            return images(*own, chained, self.space, record, reading, found)
+
+        (status, count), reading = self._recorded(len(points), made)
+        self.periods += m.periods * count
+        _check(status)
+        return found, reading
+
+    def _recorded(self, passages: int, made: Callable[[Record, Reading], tuple[Any, ...]]) -> tuple[Any, Reading]:
+        """Return what `made` does, the status first, with a record that holds all."""
+        while True:
+            rows = len(self.record.events)
+            reading = new_reading(passages, rows)
+            told = made(self.record, reading)
+            if told[0] != RECORD_FULL or rows >= MAX_ROWS:
+                return told, reading
+            self.record = new_record(RECORD_GROWTH * rows)
+
+    def passages(self, reading: Reading) -> list[Passage]:
+        """The passages in the record."""
+        found, event, segment = [], 0, 0
+        for read in map(Read._make, reading.rows.tolist()):
+            events, segments = slice(event, int(read.events)), slice(segment, int(read.segments))
+            rows = self.record.events[events].copy(), self.record.segments[segments].copy()
+            found.append(Passage(*rows, reading.symbols[events].copy(), read))
+            event, segment = events.stop, segments.stop
+        return found
+
+
+@dataclass(eq=False)
+class ReturnMap:
+    """The map of one dimer on one plate over the periods of a motion."""
+
+    parameters: dict[str, float]  # of the model, validated
+    phase: float  # phase of the plate at the section [rad]
+    modes: np.ndarray  # friction modes of the ends there, shape (2,)
+    periods: int  # forcing periods of the motion
+    rtol: float  # accuracy [1]
+    recorder: Recorder
+    # to which the spin is put back at the start of each forcing period [rad/s]: the map of the fast part alone, all of
+    # whose fixed points close; without it the spin drifts slowly
+    spin: float | None = None
+    # phase of the plate at which that is done [rad]: within a period the spin swings by some hundred times its loss, so a
+    # border depends in its sixth digit on it, but not on the section
+    back: float = 0.0
+
+    def __post_init__(self) -> None:
+        # of the parameter that changes along a curve: the least and the greatest value beside the others, its slots in a row
+        self.judged: dict[str, tuple[float, float, list[int]]] = {}
+        # they balance the error of differences, step^2 of central and step of one-sided ones, with that of the map, rtol/step
+        self.step, self.one_sided = self.rtol ** (1 / 3), self.rtol**0.5
+        self.free = np.array(free_coordinates(self.modes))
+        self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
+        self.of_section = np.array([self.phase, self.back, np.nan if self.spin is None else self.spin])
+        self.ask = ask_for(self.periods, self.rtol)
+        self._take_row(fill_rows(self.parameters, 1)[0])
+
+    def _take_row(self, row: np.ndarray) -> None:
+        """Take the kernel's row of the parameters, with the plate at `phi0` at the start."""
+        self.plain_row, self.section = row, Section(row, self.rtol, self.recorder.space)
+        self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]
+        vars(self).pop("row", None)
+
+    @cached_property
+    def row(self) -> np.ndarray:
+        """The kernel's row of the parameters, with the plate at the section's phase at the start."""
+        return self.row_at(self.phase)
+
+    @property
+    def dimer(self) -> Dimer:
+        """The dimer."""
+        return dimer_of(self.row)
+
+    def at(self, name: str, value: float) -> "ReturnMap":
+        """The map in the same section at another value of a parameter; lost if it is not allowed beside the others."""
+        if value == self.parameters.get(name):
+            return self
+        parameters = self.parameters | {name: value}
+        if name not in self.judged:
+            self.judged = {name: (*bounds(name, self.parameters), slots_of(name, parameters))}
+        low, high, slots = self.judged[name]
+        if not low <= value <= high:
+            try:
+                check(parameters)
+            except ParameterError as error:
+                raise OrbitLost(str(error)) from error
+        moved = copy(self)
+        moved.parameters = parameters
+        row = self.plain_row.copy() if slots else fill_rows(parameters, 1)[0]
+        row[slots] = value
+        moved._take_row(row)
+        return moved
+
+    def row_at(self, phase: float) -> np.ndarray:
+        """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
+        return started_at(self.plain_row, phase)
+
+    def state(self, z: np.ndarray) -> np.ndarray:
+        """The kernel's state at a point.
+
+        It is lost if an end is below the plate, or higher above the other one than the dimer is long.
+        """
+        point = np.zeros(self.section.units.size)
+        point[self.free] = z
+        state, status = self.section.judged_state(point, self.modes)
+        _check(status)
+        return state
+
+    def image(self, z: np.ndarray) -> Image:
+        """The image of a point after the periods of the motion.
+
+        It is lost where there is no state at the point, and in another contact.
+        """
+        return self.chain(z, 1)[0]
+
+    def chain(self, z: np.ndarray, count: int) -> list[Image]:
+        """The image of a point, that of the image, and so on; lost as `image`."""
+        points = np.empty((count, z.size))
+        points[0] = z
+        found, reading = self.recorder.images(self, points, True)
+        return [Image(*each) for each in zip(found, self.recorder.passages(reading), strict=True)]
+
+    def images(self, points: np.ndarray) -> np.ndarray:
+        """The images of points, shape (n, k), with the spins in their unit as a last column; each is lost as `image`."""
+        found, reading = self.recorder.images(self, points, False)
+        return np.column_stack([found, reading.rows[:, R_SPIN] / self.unit])
+
+    def jacobian(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), by central differences."""
+        rows = self.differences(z)
+        return rows[:-1], rows[-1]
+
+    def differences(
+        self, z: np.ndarray, senses: np.ndarray | None = None, mark: Callable[["ReturnMap", Image], float] | None = None
+    ) -> np.ndarray:
+        """Derivatives of the image, of the spin in its unit, and of a `mark`, by the coordinates, one row each.
+
+        They are central, or with `senses` (1 or -1) of the coordinates to one side only, as where an end grazes.
+        """
+        steps = np.diag(np.full(z.size, self.step) if senses is None else self.one_sided * senses)
+        back = z - steps if senses is None else [z]
+        points = np.concatenate([z + steps, back])
+        if mark is None:
+            seen = self.images(points)
+        else:
+            along = [self.image(point) for point in points]
+            seen = np.array([[*image.point, image.spin / self.unit, mark(self, image)] for image in along])
+        return (seen[: z.size] - seen[z.size :]).T / (np.diag(steps) * (2 if senses is None else 1))
+
+    def in_own_section(
+        self, now: T, passage: Passage, make: Callable[["ReturnMap", np.ndarray], T], simplest: bool = True
+    ) -> T:
+        """`now`, or, if this section does not suit the motion, what `make(map, point)` returns for a better one.
+
+        A section does not suit if events have come near, or (`simplest`) if simpler contact lasts elsewhere in the period. If
+        `make` finds no orbit in the better section, `now` is returned.
+        """
+        inner = passage.times[np.mod(passage.times, TURN) > 0]
+        near = inner.size and min(inner[0], self.periods * TURN - inner[-1]) <= MARGIN * TURN
+        if near or (simplest and self.free.size > best_phase(passage, self.periods).free):
+            with suppress(OrbitLost):
+                return make(*self.moved(passage))
+        return now
+
+    def moved(self, passage: Passage) -> tuple["ReturnMap", np.ndarray]:
+        """The map with its section halfway through the best smooth phase of the motion, and the motion's point there."""
+        return self.moved_to(passage, best_phase(passage, self.periods).middle)
+
+    def sections(self, passage: Passage) -> Iterator[tuple["ReturnMap", np.ndarray]]:
+        """The map with its section halfway through each smooth phase that is long enough and leaves more free than the spin."""
+        for phase in sorted(smooth_phases(passage, self.periods), key=lambda phase: -phase.length):
+            if 0.5 * phase.length > MARGIN * TURN and phase.free > 1:
+                yield self.moved_to(passage, phase.middle)
+
+    def moved_to(self, passage: Passage, at: float) -> tuple["ReturnMap", np.ndarray]:
+        """The map with its section at a phase since the one it has [rad], and the motion's point there."""
+        at %= TURN * self.periods
+        state, contact = self.sampled(passage, at)
+        moved = replace(self, phase=(self.phase + at) % TURN, modes=contact)
+        return moved, moved.section.point(state)[moved.free]
+
+    def sampled(self, passage: Passage, phase: float) -> tuple[np.ndarray, np.ndarray]:
+        """Kernel state and friction modes at a phase since the section [rad]."""
+        states, modes = self.states(passage, np.array([phase]))
+        return states[0], modes[0]
+
+    def states(self, passage: Passage, phases: np.ndarray, which: Any = None) -> tuple[np.ndarray, np.ndarray]:
+        """Kernel states and friction modes at phases since the section [rad], all in one smooth phase or each in its own."""
+        segments = passage.segments
+        if which is None:
+            which = np.searchsorted(passage.times, phases, side="right") - 1
+        states, modes = np.zeros((phases.size, N_STATE)), np.zeros((phases.size, 2))
+        at, which, space = phases - TURN * segments[which, PERIOD], np.full(phases.size, which), self.recorder.space
+        status = sample(self.row, segments, which, at, self.rtol, space, no_record(), states, modes, np.zeros((0, 0)))
+        _check(status)
+        return states, modes
+
+
+def _check(status: int) -> None:
+    """Refuse what the kernel has come to: a motion that does not go on is no orbit, a fault of the kernel is an error."""
+    if status in WHY_NONE:
+        raise OrbitLost(WHY_NONE[status])
+    if status in (MAX_EVENTS, JAMMED, RECORD_FULL):
+        raise OrbitLost(STATUS_MESSAGES[status])
+    if status != OK:
+        raise KernelError(STATUS_MESSAGES[status])
+
+
+class SmoothPhase(NamedTuple):
+    """A stretch of a motion without an event."""
+
+    middle: float  # since the section [rad]
+    length: float  # [rad]
+    free: int  # number of coordinates that contact leaves free there
+
+
+def smooth_phases(passage: Passage, periods: int) -> list[SmoothPhase]:
+    """The smooth phases of a motion; that in which the section lies is counted once, in its full length."""
+    (events,) = np.nonzero(np.mod(passage.times, TURN) > 0)
+    starts = passage.times[events] if events.size else np.zeros(1)
+    lengths = np.diff(np.append(starts, starts[0] + TURN * periods))
+    modes = passage.segments[events if events.size else [0], SEGMENT_MODES : SEGMENT_MODES + 2]
+    free = [len(free_coordinates(pair)) for pair in modes]
+    return [
+        SmoothPhase(*phase) for phase in zip((starts + 0.5 * lengths).tolist(), lengths.tolist(), free, strict=True)
+    ]
+
+
+def best_phase(passage: Passage, periods: int) -> SmoothPhase:
+    """A smooth phase that suits a section: of those longer than `LONG` one with the fewest free coordinates, the longest."""
+    phases = smooth_phases(passage, periods)
+    return min(phases, key=lambda phase: (phase.length < LONG * TURN, phase.free, -phase.length))

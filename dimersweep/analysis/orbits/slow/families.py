@@ -1,0 +1,216 @@
+"""The slow family: the orbits of all spins, and how a motion drifts slowly along them.
+
+A dimer on a circular orbit gains or loses spin, so slowly that all else follows: it goes through the orbits of the family one
+after the other. The family is followed on the slow manifold, not on the fixed points of the fast part, which lie beside it.
+"""
+
+from contextlib import suppress
+from functools import partial
+from itertools import takewhile
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import BarycentricInterpolator
+
+from dimersweep.analysis.orbits.continuation.following import traced
+from dimersweep.analysis.orbits.continuation.kinds import FOLD
+from dimersweep.analysis.orbits.map.finding import RTOL, checked, checked_spin, orbit_at, settled_near
+from dimersweep.analysis.orbits.map.manifold import (
+    NEAR,
+    SlowMotion,
+    has_fast_part,
+    slow_direction,
+    slow_motion_near,
+    slow_motion_of,
+)
+from dimersweep.analysis.orbits.map.newton import fixed_at, solve, system
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, dataset, orbit_of
+from dimersweep.analysis.orbits.map.poincare import JOINED, OrbitLost, ReturnMap, first_found, in_steps
+from dimersweep.cubes.cube import finished
+from dimersweep.cubes.grid import evenly
+from dimersweep.errors import OrbitError, ParameterError
+from dimersweep.inputs import check_count, check_rtol, pair_of
+
+MISSING_OVER = 0.02  # part of the spin over which orbits may be missing, where a sequence just changes
+SHORTEST = 1 / 128  # step on the way from one spin to the next, in the whole of it
+THROUGH = 3  # points of the family through which the next one is looked for
+BEGIN_AT = (0.5, 0.25, 0.75, 0.0, 1.0)  # parts of the range of spins at which a first orbit is looked for
+
+
+def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, **parameters: float) -> xr.Dataset:
+    """The orbits of one set of parameters at all spins.
+
+    Parameters
+    ----------
+    spin : tuple of float
+        Least and greatest axial spin after the double impact [rad s-1].
+    points : int
+        Number of spins, evenly spaced.
+    rtol : float
+        Accuracy of the map [1].
+    **parameters : float
+        Of the model.
+
+    Returns
+    -------
+    xarray.Dataset
+        Along `spin`: the attributes of a `PeriodicOrbit`, as far as the family goes, over changes of sequence. Spins at which
+        the sequence just changes may be missing. The attributes `low_end` and `high_end` say why the family ends ("asked
+        for" where it does not), `cost` how many forcing periods of the map it took.
+
+    Raises
+    ------
+    ParameterError
+        For an unknown parameter or a range that is none.
+    OrbitError
+        If there is no orbit at any of the spins.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> family = orbits.family(spin=(100.0, 110.0), points=3)
+    >>> family["radius"].values.round(3).tolist()
+    [4.259, 4.257, 4.256]
+    """
+    given = checked(parameters)
+    spins = evenly(*spin_range(spin, given), check_count("points", points))
+    rtol = check_rtol(rtol)
+    numbers = dict.fromkeys(round(share * (points - 1)) for share in BEGIN_AT)
+
+    def begun(k: int) -> tuple[PeriodicOrbit, int]:
+        return orbit_at(given, float(spins[k]), rtol=rtol), k
+
+    try:
+        first, begin = first_found(partial(begun, k) for k in numbers)
+    except OrbitError as reason:
+        raise OrbitError(f"spin = ({spins[0]:g}, {spins[-1]:g}): no orbit found; {reason}") from None
+    recorder = first.fixed.map.recorder
+    start = recorder.periods
+    orbits, ends = {begin: on_family(first.fixed.map, first.slow_motion)}, {}
+    for name, order in (("high_end", range(begin + 1, spins.size)), ("low_end", range(begin - 1, -1, -1))):
+        found, ends[name] = walk(orbits[begin], spins[order])
+        orbits |= {order[k]: one for k, one in found.items()}
+    kept = sorted(orbits)
+    table = dataset([orbits[k] for k in kept], "spin_").drop_vars(["spin", "cost"])
+    coordinate = ("spin", spins[kept], {"units": "rad s-1", "long_name": "axial spin after the double impact"})
+    table = table.rename_dims({"spin_": "spin"}).assign_coords(spin=coordinate)
+    told = ends | {"cost": recorder.periods - start + first.cost, "rtol": rtol}
+    return finished(table.assign_attrs(told), "Periodic orbits over the axial spin")
+
+
+def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[float, float]:
+    """The least and the greatest spin [rad/s]; refuses what is no range of spins."""
+    both = pair_of("spin", spin, "the least and the greatest spin")
+    low, high = (checked_spin(each, given) for each in both)
+    if low >= high:
+        raise ParameterError(f"spin = ({low:g}, {high:g}): the first must be below the second")
+    return low, high
+
+
+def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, PeriodicOrbit], str]:
+    """The family from an orbit through spins, in their order: over changes of sequence, and over spins that just have no orbit.
+
+    The first one is from `on_family`. With `runs` the walk goes where runs go: on with another family where the spin of a
+    motion slowly drifts over the end of this one, but not along the branch of fixed points. It returns the orbits by the
+    number of their spin, and why the family ends before the last spin; "asked for" if it does not.
+    """
+    found: dict[int, PeriodicOrbit] = {}
+    last, k, missed = [first], 0, 0
+    while k < len(spins):
+        spin = float(spins[k])
+        try:
+            nxt = _next(last, spin, runs)
+        except OrbitLost:
+            missed += 1
+            if k + 1 < len(spins) and (missed == 1 or _near(last[0].spin, spin)):
+                k += 1
+                continue
+            k -= missed - 1  # that which was missed first
+            if runs:
+                return found, "the run comes to no orbit"
+            try:
+                nxt = _along_branch(last[0], float(spins[k]))
+            except OrbitLost as reason:
+                return found, str(reason)
+        found[k], last, missed = nxt, [nxt, *last[:2]], 0
+        k += 1
+    return found, "asked for"
+
+
+def _next(last: list[PeriodicOrbit], spin: float, leaps: bool) -> PeriodicOrbit:
+    """The orbit at another spin, along the family or by a run, by way of spins between where that fails.
+
+    `last` are those before, the nearest first; see `walk` for leaps.
+    """
+    begin = last[0].spin
+
+    def step(before: list[PeriodicOrbit], share: float) -> list[PeriodicOrbit]:
+        at, to = before[0], spin if share == 1.0 else begin + share * (spin - begin)
+        most = np.inf if leaps and (to - at.spin) * at.spin_drift > 0 else JOINED
+        return [first_found([partial(step_along, before, to), partial(run_onto, at, to, most)]), *before[:2]]
+
+    return in_steps(step, last, max(SHORTEST, 0.5 * MISSING_OVER * abs(spin / ((spin - begin) or 1.0))))[0]
+
+
+def _near(a: float, b: float) -> bool:
+    """Whether orbits may be missing from one spin to the other."""
+    return abs(a - b) <= MISSING_OVER * abs(b)
+
+
+def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
+    """The orbit at another spin, along the family; `last` are those before, the nearest first.
+
+    It is lost if there is none nearby, or one so far from where the family leads that it may be another one's. Where an event
+    lies near its section, it is given in another one in which it is found.
+    """
+    near = last[0].fixed
+    m = near.map
+    z = near.z + slow_direction(near)[0] * (spin - near.image.spin) / m.unit
+    same = list(takewhile(lambda one: one.fixed.map.phase == m.phase and one.fixed.z.size == near.z.size, last))
+    if len(same) == THROUGH:
+        z = BarycentricInterpolator([one.spin for one in same], [one.fixed.z for one in same])(spin)
+    if has_fast_part(near):
+        slow_motion = slow_motion_near(m, z, spin, near.matrix, near.gradient)
+    else:
+        slow_motion = slow_motion_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
+    if np.abs(slow_motion.z - z).max() > NEAR:
+        raise OrbitLost("the next orbit lies aside of the family")
+    orbit = on_family(m, slow_motion)
+    return m.in_own_section(
+        orbit,
+        slow_motion.image.passage,
+        lambda own, z: on_family(own, slow_motion_near(own, z, spin, *own.jacobian(z))),
+    )
+
+
+def run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
+    """The motion at another spin that a run from an orbit settles on, at most so far from where the orbit leads.
+
+    It is lost if the orbit is not stable, or the run does not come to one.
+    """
+    for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
+        with suppress(OrbitLost):
+            slow_motion = slow_motion_near(there, z, spin, *there.jacobian(z))
+            if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= NEAR:
+                return on_family(there, slow_motion)
+    raise OrbitLost("the run comes to no orbit")
+
+
+def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
+    """The orbit at another spin along the branch of fixed points; if that does not lead there, it says why the family ends."""
+    fixed = solve(last.fixed.map, last.fixed.z, last.spin)
+    rows, end, _ = traced(orbit_of(fixed), "spin", spin, sequences=False)
+    if not end.startswith("to:"):
+        for row in reversed(rows):
+            if row.kind is FOLD:
+                raise OrbitLost(f"fold at spin = {row.value:.6g} rad/s")
+        raise OrbitLost(f"{end}, at spin = {rows[-1].value:.6g} rad/s")
+    orbit = rows[-1].orbit
+    if orbit.slow_motion.z is orbit.fixed.z and has_fast_part(orbit.fixed):
+        raise OrbitLost(f"no motion drifts by the fixed point, at spin = {spin:.6g} rad/s")
+    return on_family(orbit.fixed.map, orbit.slow_motion)
+
+
+def on_family(m: ReturnMap, slow_motion: SlowMotion) -> PeriodicOrbit:
+    """The orbit of a motion of the family; its `fixed` is where the motion is, with the derivatives there."""
+    return orbit_of(fixed_at(m, slow_motion.z, slow_motion.image, slow_motion.residual), slow_motion)

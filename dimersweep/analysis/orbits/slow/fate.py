@@ -1,0 +1,209 @@
+"""Where a motion is after any time: its spin drifts along the slow family, to a sustained spin, or over ends of the family."""
+
+from collections.abc import Mapping, Sequence
+from math import isnan
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from scipy.interpolate import CubicSpline
+
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, circle_of
+from dimersweep.analysis.orbits.map.poincare import OrbitLost
+from dimersweep.analysis.orbits.slow.sheets import Sheet, Standing, Stretch, drifted, stretch_of
+from dimersweep.analysis.orbits.slow.slow_flow import Arrival, flow_of
+from dimersweep.errors import ParameterError
+from dimersweep.inputs import as_number
+
+
+class Leap(NamedTuple):
+    """A way over the end of a sheet of the slow family.
+
+    Attributes
+    ----------
+    after : float
+        Forcing periods after which the motion comes to it.
+    spin, radius : tuple of float
+        Before and after it [rad s-1], [m].
+    """
+
+    after: float
+    spin: tuple[float, float]
+    radius: tuple[float, float]
+
+
+class Later(NamedTuple):
+    """A motion some periods on.
+
+    Attributes
+    ----------
+    spin : float
+        After the double impact [rad s-1].
+    radius, period, zeta : float
+        Of the orbit [m, s, rad]; radius and period are NaN in a plane, where the spin is 0.
+    mode : str
+        That of the run, where the motion has left the slow family; its numbers are NaN unless it is a drift. Else none.
+    leaps : tuple of Leap
+        On the way; of the rounds of a cycle those of the first.
+    """
+
+    spin: float
+    radius: float
+    period: float
+    zeta: float
+    mode: str = ""
+    leaps: tuple[Leap, ...] = ()
+
+    def __repr__(self) -> str:
+        kept = f"spin {self.spin:.6g} rad/s, {circle_of(self.radius)}, period {self.period:.6g} s, zeta {self.zeta:.6g} rad"
+        parts = [kept.replace(", period nan s", "")] if not isnan(self.spin) else []
+        parts += [f"mode {self.mode}"] if self.mode else []
+        parts += [f"{len(self.leaps)} leaps on the way"] if self.leaps else []
+        return f"<Later: {', '.join(parts)}>"
+
+
+def later(
+    family: xr.Dataset | PeriodicOrbit,
+    *,
+    spin: float | str | None = None,
+    periods: float | None = None,
+    seconds: float | str | None = None,
+) -> Later:
+    """Return the motion some time after it had a given spin, by integration of the slow rate.
+
+    The spin obeys s(n + 1) = s(n) + d(s(n)); the flow ds/dn = d - d d'/2 has this map to second order. Where d falls through
+    zero as the spin grows, the motion comes to that spin and keeps it. From an orbit the motion is followed for any time: over
+    changes of the symbol sequence, and by a run over the end of the family, to another one or to what is none.
+
+    Parameters
+    ----------
+    family : PeriodicOrbit or xarray.Dataset
+        The stable orbit that the motion is on, or a table from `family`, within which it stays.
+    spin : float, optional
+        Of a table: axial spin after the double impact, as in `Run.orbit.spin` [rad s-1]. An orbit has its own.
+    periods : float, optional
+        Time in forcing periods, forwards; backwards, as far as the family goes, if negative. From an orbit also inf: where the
+        spin comes to in the end.
+    seconds : float or str, optional
+        In place of `periods`: time [s], or a text with its unit, such as "3 h".
+
+    Returns
+    -------
+    Later
+
+    Raises
+    ------
+    ParameterError
+        If the spin is beyond the family, or the motion comes to its end before; if there is no end of the motion; if not one of
+        `periods` and `seconds` is given.
+    OrbitError
+        For an infinite time, if it cannot be told where the motion comes to.
+
+    Examples
+    --------
+    >>> from dimersweep import orbits
+    >>> orbit = orbits.find(spin=110.0)
+    >>> round(orbits.later(orbit, periods=10_000).radius, 3)
+    4.256
+    >>> orbits.later(orbit, seconds="3 h")
+    <Later: spin 82.9209 rad/s, radius 4.26405 m, period 64.511 s, zeta 1.62886 rad>
+    >>> family = orbits.family(spin=(100.0, 110.0), points=5)
+    >>> round(orbits.later(family, spin=110.0, periods=10_000).radius, 3)
+    4.256
+    """
+    if isinstance(family, PeriodicOrbit):
+        if spin is not None:
+            raise ParameterError(f"spin = {spin!r}: the orbit has its own; give it with a table only")
+        if not family.stable:
+            raise ParameterError("family: is an unstable orbit, along which no motion drifts")
+        return _after(family, _time(periods, seconds, family.parameters, endless=True))
+    spin, periods = as_number("spin", spin, "rad s-1"), _time(periods, seconds, family)
+    family = family.sortby("spin").isel(spin=np.isfinite(family.sortby("spin")["spin_drift"].values))
+    spins = family["spin"].values
+    if spins.size < 4 or (np.diff(spins) == 0).any():
+        raise ParameterError(f"family: has {np.unique(spins).size} points; needs at least 4, each spin once")
+    if not spins[0] <= spin <= spins[-1]:
+        raise ParameterError(f"spin = {spin:g}: the family goes from {spins[0]:g} to {spins[-1]:g} rad/s")
+    at_end = _within_family([stretch_of(np.stack([spins, family["spin_drift"].values], axis=1))], spin, periods)
+
+    def read(name: str) -> float:
+        known = np.isfinite(family[name].values)  # in a plane there is no circle
+        return float(CubicSpline(spins[known], family[name].values[known])(at_end)) if known.sum() > 1 else np.nan
+
+    return Later(at_end, read("radius"), read("period"), read("zeta"))
+
+
+def _time(periods: Any, seconds: Any, known: Mapping[Any, Any], *, endless: bool = False) -> float:
+    """Return a time in forcing periods, for parameters that are known; raise a ParameterError unless it is given once."""
+    if (periods is None) == (seconds is None):
+        raise ParameterError("periods: give either periods or seconds, such as seconds='3 h'")
+    name, time, units = ("periods", periods, "1") if seconds is None else ("seconds", seconds, "s")
+    if endless and str(time) == "inf":
+        return np.inf
+    return as_number(name, time, units) * (1.0 if seconds is None else float(known["f"]))
+
+
+def _within_family(stretches: list[Stretch], spin: float, periods: float) -> float:
+    """The spin after some periods; refuses what leads over an end."""
+    at_end, left = drifted(stretches, spin, periods)
+    if left:
+        ends = f"the motion comes to the end of the family after {abs(periods - left):.0f}"
+        raise ParameterError(f"periods = {periods:g}: {ends}")
+    return at_end
+
+
+def _after(orbit: PeriodicOrbit, periods: float) -> Later:
+    """The motion some periods after it was on an orbit."""
+    flow = flow_of(orbit, whole=periods < 0)
+    if periods < 0 and orbit.spin_drift:
+        sheet = flow.sheets[flow.sheet_of(orbit)]
+        return _at(sheet, _within_family(sheet.stretches, orbit.spin, periods))
+    left, begin = periods, orbit
+    leaps: list[Leap] = []
+    seen: dict[int, float] = {}  # periods that were left as a motion came to each arrival first
+    way = flow.way(orbit)
+    while True:
+        try:
+            leg = next(way)
+        except OrbitLost:
+            if left == np.inf:
+                raise
+            return _by_run(begin, left, leaps)
+        sheet, stands = leg.sheet, isinstance(leg.then, Standing)
+        if stands and (left == np.inf or leg.to == begin.spin):
+            return _at(sheet, leg.to, leaps)
+        if stands or leg.periods > left:
+            return _at(sheet, drifted(sheet.stretches, begin.spin, left)[0], leaps)
+        left, end = left - leg.periods, sheet.at(leg.to)
+        if not isinstance(leg.then, Arrival) or leg.then.periods > left:
+            if left == np.inf:
+                return Later(np.nan, np.nan, np.nan, np.nan, str(leg.then), tuple(leaps))
+            return _by_run(end, left, leaps)
+        left, begin = left - leg.then.periods, leg.then.orbit
+        number = id(leg.then)
+        if number not in seen:
+            leaps.append(Leap(periods - left - leg.then.periods, (leg.to, begin.spin), (end.radius, begin.radius)))
+        elif left == np.inf:
+            raise ParameterError(
+                f"periods = inf: the spin goes to and fro, from {leg.begin.spin:.6g} to {leg.to:.6g} rad/s"
+            )
+        else:
+            left %= seen[number] - left
+        seen.setdefault(number, left)
+
+
+def _at(sheet: Sheet, spin: float, leaps: Sequence[Leap] = ()) -> Later:
+    """The motion of a spin on a sheet; where it has no orbit just there, with the circle of the nearest."""
+    try:
+        orbit = sheet.at(spin)
+    except OrbitLost:
+        orbit = min(sheet.orbits, key=lambda one: abs(one.spin - spin))
+    return Later(spin, orbit.radius, orbit.period, orbit.zeta, leaps=tuple(leaps))
+
+
+def _by_run(orbit: PeriodicOrbit, periods: float, leaps: list[Leap]) -> Later:
+    """By a run from an orbit."""
+    run = orbit.run(max(1, round(periods)), record=False)
+    if not run.orbit:
+        return Later(np.nan, np.nan, np.nan, np.nan, run.mode, tuple(leaps))
+    return Later(run.orbit.spin, run.orbit.radius, run.orbit.period, run.orbit.zeta, run.mode, tuple(leaps))

@@ -1,0 +1,247 @@
+"""The slow flow: over which sheets the spin drifts, one after the other, and where it comes to in the end.
+
+Where the drift leads over the end of a sheet, a run goes on from there, to another sheet or to a motion that is none. Sheets
+may lead to one another: then the spin goes to and fro between their ends for good.
+"""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from dimersweep.analysis.orbits.map.finding import MOST_TURNS, of_run, orbit_through
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
+from dimersweep.analysis.orbits.map.poincare import TURN, OrbitLost
+from dimersweep.analysis.orbits.slow.sheets import (
+    NEUTRAL,
+    Sheet,
+    Standing,
+    sheet_through,
+    standing,
+    taken_up,
+    time_between,
+)
+from dimersweep.errors import OrbitError
+from dimersweep.kernel.model.layout import DOWN_WORDS
+
+LANDS_AFTER = (100, 300, 1000, 3000)  # forcing periods of a run over the end of a sheet, one after the other
+LANDED = 0.02  # distance of such a run from an orbit, in units of the section, below which it has come to it
+MOST_SHEETS = 16  # that are followed
+BELOW, ABOVE = False, True  # the ends of a sheet
+SPIN_KINDS = ("spin", "end", "cycle", NEUTRAL, "plane")  # how a spin may stay where it comes to
+
+
+class Arrival(NamedTuple):
+    """Where a run comes to that drifts over the end of a sheet."""
+
+    orbit: PeriodicOrbit
+    periods: float  # forcing periods on the way
+
+
+def landing(end: PeriodicOrbit) -> Arrival | Standing | str:
+    """Where a run comes to that drifts over the end of a sheet; the mode of the run, if to no orbit.
+
+    Where motions alternate at the end, one beyond it tells whether the drift leads on, or back to the end, where it is held.
+    """
+    led = _landed(end, any_period=False)
+    if isinstance(led, Arrival):
+        return led
+    try:
+        beyond = taken_up(end, np.sign(end.spin_drift), np.inf)
+    except OrbitLost:
+        return _landed(end, any_period=True)
+    way = abs(beyond.spin - end.spin)
+    back = beyond.spin_drift * end.spin_drift < 0
+    return Standing(end, -np.inf, way) if back else Arrival(beyond, way / abs(end.spin_drift))
+
+
+def _landed(end: PeriodicOrbit, any_period: bool) -> Arrival | str:
+    """The orbit that a run comes to, of the same period or any; the mode of the run, if to none."""
+    m = end.fixed.map
+    run = end.run(LANDS_AFTER[0], m.rtol)
+    for more in (0, *LANDS_AFTER[1:]):
+        run = run.go_on(more) if more else run
+        if run.mode in DOWN_WORDS or not (run.mode_period if any_period else run.mode_period == m.periods):
+            continue
+        try:
+            own, z = of_run(run, replace(m, periods=run.mode_period))
+            orbit = orbit_through(own, z)
+        except OrbitLost:
+            continue
+        if orbit.stable and np.abs(orbit.slow_motion.z - z).max() < LANDED:
+            return Arrival(orbit, run.n_periods)
+    return run.mode
+
+
+class DriftLeg(NamedTuple):
+    """A drift of the spin along a sheet."""
+
+    sheet: Sheet
+    begin: PeriodicOrbit
+    to: float  # spin at its end [rad/s]
+    periods: float  # forcing periods up to there; infinite where it stands still there
+    then: Standing | Arrival | str  # where it stands, or, at the end of the sheet, as `landing` says
+
+
+class Cycle(NamedTuple):
+    """Stretches of sheets that lead to one another over their ends: the spin goes to and fro for good."""
+
+    orbits: list[PeriodicOrbit]
+    periods: float  # forcing periods of one round
+    kind: str = "cycle"
+
+
+class SlowFlow:
+    """The sheets of one set of parameters between two spins, as far as they were asked for, and where they lead.
+
+    Parameters
+    ----------
+    low, high : float
+        The spins [rad/s].
+    whole : bool
+        Whether sheets are followed to both of their ends, or on the way of the drift alone, up to where it stands still.
+    """
+
+    def __init__(self, low: float, high: float, whole: bool) -> None:
+        self.low, self.high, self.whole = low, high, whole
+        self.sheets: list[Sheet] = []
+        self.standing: list[list[Standing]] = []  # of each sheet, by ascending spin
+        self.leads: dict[tuple[int, bool], Arrival | Standing | str] = {}
+
+    def sheet_of(self, orbit: PeriodicOrbit) -> int:
+        """The number of the sheet that a stable orbit is on; lost if none goes on from it, or they are too many."""
+        for number, sheet in enumerate(self.sheets):
+            if sheet.holds(orbit):
+                return number
+        if len(self.sheets) == MOST_SHEETS:
+            raise OrbitLost(f"the drift leads over more than {MOST_SHEETS} sheets")
+        sheet = sheet_through(orbit, self.low, self.high, self.whole)
+        if sheet.spins.size < 2:
+            raise OrbitLost(f"the family does not go on from spin = {orbit.spin:.6g} rad/s: {sheet.high_end}")
+        stands = list(standing(sheet))
+        known = {one.spin: one for one in (*sheet.orbits, *(one.orbit for one in stands))}
+        sheet = replace(sheet, orbits=[known[spin] for spin in sorted(known)])
+        for number, part in enumerate(self.sheets):
+            if sheet.holds(part.orbits[len(part.orbits) // 2]):  # followed from there it ended sooner
+                return self._grow(number, sheet)
+        self.sheets.append(sheet)
+        self.standing.append(stands)
+        return len(self.sheets) - 1
+
+    def _grow(self, number: int, longer: Sheet) -> int:
+        """Add to a sheet what a longer one has beyond its ends; returns its number."""
+        part = self.sheets[number]
+        below = [one for one in longer.orbits if one.spin < part.spins[0]]
+        above = [one for one in longer.orbits if one.spin > part.spins[-1]]
+        ends = (longer.low_end if below else part.low_end, longer.high_end if above else part.high_end)
+        self.sheets[number] = Sheet([*below, *part.orbits, *above], *ends)
+        self.standing[number] = list(standing(self.sheets[number]))
+        for end, more in ((BELOW, below), (ABOVE, above)):
+            if more:
+                self.leads.pop((number, end), None)
+        return number
+
+    def drifts_over(self, number: int, end: bool) -> bool:
+        """Whether a motion drifts over an end of a sheet."""
+        sheet = self.sheets[number]
+        return bool(sheet.high_end if end else sheet.low_end) and sheet.orbits[-end].spin_drift * (1 if end else -1) > 0
+
+    def lead(self, number: int, end: bool) -> Arrival | Standing | str:
+        """Where a run comes to over an end of a sheet, as `landing` says."""
+        if (number, end) not in self.leads:
+            self.leads[number, end] = landing(self.sheets[number].orbits[-end])
+        return self.leads[number, end]
+
+    def explore(self, first: PeriodicOrbit) -> None:
+        """Follow all sheets that the ends of that of an orbit, and theirs, lead to."""
+        waiting, seen = [first], 0
+        while waiting:
+            try:
+                self.sheet_of(waiting.pop(0))
+            except OrbitLost:
+                if not self.sheets:
+                    raise
+            while seen < len(self.sheets):
+                waiting += self._led_to(seen)
+                seen += 1
+
+    def _led_to(self, number: int) -> Iterator[PeriodicOrbit]:
+        """The orbits that the ends of a sheet lead to."""
+        sheet = self.sheets[number]
+        for end, sense, why in ((BELOW, -1.0, sheet.low_end), (ABOVE, 1.0, sheet.high_end)):
+            last = sheet.orbits[-end]
+            if self.drifts_over(number, end):
+                led = self.lead(number, end)
+                if isinstance(led, Arrival):
+                    yield led.orbit
+            elif why:  # no motion drifts over it, but the family may go on
+                with suppress(OrbitLost):
+                    yield taken_up(last, sense, np.inf)
+
+    def leg(self, begin: PeriodicOrbit) -> DriftLeg:
+        """The drift from an orbit on; lost if it is on no sheet."""
+        if begin.spin_drift == 0.0:  # both ends stick in all that happens
+            return DriftLeg(Sheet([begin], "", ""), begin, begin.spin, np.inf, Standing(begin, 0.0, 0.0))
+        number, drift = self.sheet_of(begin), begin.spin_drift
+        sheet, end = self.sheets[number], drift > 0
+        ahead = [one for one in self.standing[number] if (one.orbit.spin - begin.spin) * drift >= 0]
+        if ahead:
+            stands = min(ahead, key=lambda one: abs(one.orbit.spin - begin.spin))
+            return DriftLeg(sheet, begin, stands.orbit.spin, np.inf, stands)
+        last = sheet.orbits[-end]
+        if not self.drifts_over(number, end):
+            raise OrbitLost(f"the drift leads beyond spin = {last.spin:.6g} rad/s")
+        periods = time_between(sheet.stretches, begin.spin, last.spin)
+        return DriftLeg(sheet, begin, last.spin, periods, self.lead(number, end))
+
+    def way(self, begin: PeriodicOrbit) -> Iterator[DriftLeg]:
+        """The drifts from an orbit on, one after the other, without an end where they form a cycle."""
+        while True:
+            leg = self.leg(begin)
+            yield leg
+            if not isinstance(leg.then, Arrival):
+                return
+            begin = leg.then.orbit
+
+    def fate(self, begin: PeriodicOrbit) -> Standing | Cycle | str:
+        """Where the spin of an orbit comes to: where it stands, its cycle, or the mode of the run at the end."""
+        legs: list[DriftLeg] = []
+        for leg in self.way(begin):
+            if not isinstance(leg.then, Arrival):
+                return leg.then
+            same = [k for k, one in enumerate(legs) if one.then is leg.then]
+            if same:
+                return self._cycle([*legs[same[0] + 1 :], leg])
+            legs.append(leg)
+        raise AssertionError("a way ends with a leg that leads to no orbit")
+
+    def cycles(self) -> list[Cycle]:
+        """Those between the sheets, each once."""
+        found: dict[frozenset[float], Cycle] = {}
+        for led in self.leads.values():
+            try:
+                fate = self.fate(led.orbit) if isinstance(led, Arrival) else ""
+            except OrbitError:
+                continue
+            if isinstance(fate, Cycle):
+                found.setdefault(frozenset(one.spin for one in fate.orbits), fate)
+        return list(found.values())
+
+    def held(self) -> list[Standing]:
+        """The ends of sheets at which the drift is held."""
+        return [led for led in self.leads.values() if isinstance(led, Standing)]
+
+    def _cycle(self, legs: list[DriftLeg]) -> Cycle:
+        orbits: list[PeriodicOrbit] = []
+        for leg in legs:
+            low, high = sorted((leg.begin.spin, leg.to))
+            orbits += [leg.begin, *(one for one in leg.sheet.orbits if low <= one.spin <= high)]
+        return Cycle(orbits, sum(leg.periods + leg.then.periods for leg in legs if isinstance(leg.then, Arrival)))
+
+
+def flow_of(orbit: PeriodicOrbit, whole: bool = False) -> SlowFlow:
+    """The slow flow of the spins in the sense of that of an orbit, which do not change their sign."""
+    most = MOST_TURNS * TURN * orbit.parameters["f"]
+    return SlowFlow(0.0, most, whole) if orbit.spin >= 0 else SlowFlow(-most, 0.0, whole)
