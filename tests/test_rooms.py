@@ -59,7 +59,7 @@ def defined(path):
 
 
 @pytest.mark.parametrize(
-    "room", ["cli", "cubes", "exploring", "fits", "orbits", "plots", "runs", "storage", "studies", "work"]
+    "room", ["analysis", "cli", "cubes", "exploring", "plots", "runs", "storage", "studies", "work"]
 )
 def test_a_constant_or_a_class_of_a_room_has_no_namesake_in_another_module(room):
     own = {path: set(defined(path)) for path in files(f"dimersweep/{room}")}

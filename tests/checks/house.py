@@ -1,0 +1,122 @@
+"""Count what the house weighs: ``python -m tests.checks.house`` prints lines, floors, types, and how docstrings begin.
+
+`tests/test_house.py` holds the numbers to their bounds.
+"""
+
+import ast
+from collections import Counter
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import grimp
+
+PACKAGE = Path(__file__).resolve().parents[2] / "dimersweep"
+ANALYSIS = PACKAGE / "analysis"
+ORBITS = "dimersweep.analysis.orbits"
+ROOMS = ("map", "continuation", "borders", "slow")
+# first words of docstrings of functions that name no action: what a function does must then be guessed
+NO_VERBS = {
+    *(
+        "A",
+        "All",
+        "An",
+        "And",
+        "Any",
+        "As",
+        "At",
+        "Both",
+        "By",
+        "For",
+        "From",
+        "How",
+        "If",
+        "In",
+        "Less",
+        "Least",
+        "Like",
+        "No",
+        "None",
+    ),
+    *(
+        "Number",
+        "Numbers",
+        "Of",
+        "One",
+        "Points",
+        "Rates",
+        "Results",
+        "See",
+        "So",
+        "Such",
+        "That",
+        "The",
+        "Their",
+        "These",
+        "They",
+    ),
+    *("Those", "Time", "Times", "To", "Values", "What", "When", "Where", "Whether", "Which", "Who", "Why", "With"),
+}
+
+
+def sources(analysis: bool) -> list[Path]:
+    """Return the files of the analysis, or of the engine; the two public names of the analysis count with it."""
+    doors = {PACKAGE / "orbits.py", PACKAGE / "fits.py"}
+    return [path for path in sorted(PACKAGE.rglob("*.py")) if (ANALYSIS in path.parents or path in doors) == analysis]
+
+
+def lines(analysis: bool) -> int:
+    """Count the lines of a house."""
+    return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in sources(analysis))
+
+
+def floors() -> dict[str, int]:
+    """Count, for each room of orbits, the modules of its longest chain of imports."""
+    graph = grimp.build_graph("dimersweep")
+
+    def height(room: str) -> int:
+        modules = {name for name in graph.modules if name.startswith(f"{ORBITS}.{room}.")}
+
+        @cache
+        def floor(name: str) -> int:
+            return 1 + max(
+                (floor(each) for each in graph.find_modules_directly_imported_by(name) if each in modules), default=0
+            )
+
+        return max(map(floor, modules))
+
+    return {room: height(room) for room in ROOMS}
+
+
+def types(folder: Path) -> list[str]:
+    """Return the names of the classes below a folder."""
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("*.py")))
+    return [node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+
+
+def openings() -> Iterator[tuple[str, int, str]]:
+    """Yield file, line and first word of the docstring of each function but properties."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                continue
+            text = ast.get_docstring(node)
+            is_property = any("property" in ast.unparse(each) for each in node.decorator_list)
+            if text and not is_property:
+                yield path.relative_to(PACKAGE).as_posix(), node.lineno, text.split()[0].strip(",.:;")
+
+
+def naming(word: str) -> int:
+    """Count the lines of the package that name a word."""
+    return sum(
+        word in line for which in (True, False) for path in sources(which) for line in path.read_text().splitlines()
+    )
+
+
+if __name__ == "__main__":
+    print(f"lines: engine {lines(False)}, analysis {lines(True)}")
+    print(f"floors of the rooms of orbits: {floors()}")
+    print(f"classes of orbits: {len(types(ANALYSIS / 'orbits'))}")
+    print(f"lines that name OrbitLost: {naming('OrbitLost')}")
+    first = Counter(word for *_, word in openings())
+    print(f"docstrings of functions: {first.total()}, without a verb: {sum(first[word] for word in NO_VERBS)}")

@@ -1,0 +1,28 @@
+"""What the house weighs does not grow unnoticed: lines of both halves, floors and types of orbits, docstrings without a verb."""
+
+import pytest
+
+from tests.checks import house
+
+# lines; where a change needs more, it says what for
+MOST_LINES = {"engine": 27_000, "analysis": 10_800}
+MOST_FLOORS = {"map": 6, "continuation": 7, "borders": 5, "slow": 4}
+MOST_TYPES = 60  # of orbits
+
+
+@pytest.mark.parametrize(("half", "is_analysis"), [("engine", False), ("analysis", True)])
+def test_a_half_has_no_more_lines(half, is_analysis):
+    assert 0.9 * MOST_LINES[half] < house.lines(is_analysis) <= MOST_LINES[half]
+
+
+def test_the_rooms_of_orbits_have_no_more_floors():
+    assert house.floors() == MOST_FLOORS
+
+
+def test_orbits_have_no_more_types():
+    assert len(house.types(house.ANALYSIS / "orbits")) <= MOST_TYPES
+
+
+def test_the_docstring_of_a_function_begins_with_a_verb():
+    found = [f"{path}:{line}: {word}" for path, line, word in house.openings() if word in house.NO_VERBS]
+    assert not found
