@@ -1,4 +1,4 @@
-"""What the house weighs does not grow unnoticed: lines of both halves, floors and types of orbits, docstrings without a verb."""
+"""What the house weighs does not grow unnoticed: lines of both halves, floors and types of orbits; and docstrings have verbs."""
 
 import pytest
 
