@@ -1,4 +1,4 @@
-"""Many runs one after the other, each to its verdict; what Python calls."""
+"""Make many runs one after the other, each to its verdict; Python calls the functions of this module."""
 
 from math import nan
 
@@ -42,34 +42,36 @@ from dimersweep.kernel.verdict.settling import change
 
 CODES_TYPE, OUTCOME_TYPE = record_type(Codes), record_type(Outcome)
 N_START = N_STATE + 2  # numbers that a run starts from: the state, and the friction modes of the ends
-EVIDENCE = 64  # periods of a run below which it is not looked for: too few to have settled
-# evidence of aperiodic motion: a twin of the run (its plate phase shifted) separates from it by so much, in g/omega and
-# g/omega^2. Both are followed over stretches of so many periods, one stretch for so many periods of the run, at least one.
+# shortest run, in forcing periods, that is tested for aperiodic motion: a shorter run has not had the time to settle
+EVIDENCE = 64
+# test for aperiodic motion: the run and a twin, whose plate phase is shifted by TWIN_SHIFT [rad], are followed over
+# stretches of STRETCH periods, one stretch for every STRETCH_FOR periods of the run, at least one. The motion is
+# aperiodic if the two come apart by SEPARATED, in g/omega^2 (gaps) and g/omega (gap rates).
 STRETCH, STRETCH_FOR, TWIN_SHIFT, SEPARATED = 24, 200, 1e-6, 1e-2
 
 
 @exported
 def run_rows(rows, starts, ask, until, out, codes, space, record):
-    """Verdicts of runs one after the other, and the record of the last of them where it has rows.
+    """Make runs one after the other, each to its verdict; record the last of them where the record has rows.
 
     Parameters
     ----------
     rows : float64 array, shape (n, N_ROW)
         Parameters in the order of ``layout.ROW``, SI units.
     starts : float64 array, shape (n, N_START)
-        States and friction modes to start from, each at the start of a forcing period, in place of those in
-        the rows; no rows for those. Where its periods are not 0 a run goes on, with the past that stands in the workspace.
+        States and friction modes to start from, each at the start of a forcing period, in place of the starts in
+        `rows`; without rows, those count. Where its periods are not 0 a run goes on, with the past in the workspace.
     ask : Ask
-        What is asked of each run; its periods count those before the start.
+        Request for each run; its periods include those before the start.
     until : int
-        Set of modes, as a sum of 2**mode: the first run with one of them is the last one made. A run that is stopped is
-        not made, and neither are those after it.
+        Set of modes, as a sum of 2**mode: the first run with one of them is the last run made. A run that is stopped
+        is not made, and neither are the runs after it.
     out : float64 array, shape (n, N_OUT)
         Filled in the order of ``layout.OUT``.
     codes : int64 array, shape (n, N_CODES)
         Filled in the order of ``layout.CODES``.
     space : Workspace
-        Scratch arrays; ``stop`` ends what runs on them.
+        Scratch arrays; ``stop`` ends the runs on them.
     record : Record
         Filled in place where it has rows.
 
@@ -85,7 +87,8 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
         outcome, code = out[k, :N_OUT].view(OUTCOME_TYPE)[0], codes[k, :N_CODES].view(CODES_TYPE)[0]
         set_dimer(rows[k], dm)
         begin_run(dm, rows[k], starts, k, run)
-        path = ask.path or dm.sideways != 0.0  # where the heading counts, the verdict on the track takes it
+        # where the heading counts, the verdict on the track needs the path
+        path = ask.path or dm.sideways != 0.0
         run_to_verdict(dm, Ask(ask.periods, ask.rtol, ask.close, ask.settle, path), run, record, outcome, code)
         status = OK
         if code.mode == M_UNRESOLVED and ask.periods >= EVIDENCE:
@@ -108,7 +111,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
 
 @compiled
 def keep_one_nan(values):
-    """Replace what is no number by the one nan: the sign of 0/0, which no number has, is the processor's."""
+    """Replace every nan by one and the same: the sign of 0/0 depends on the processor."""
     for k in range(N_OUT):
         if values[k] != values[k]:
             values[k] = nan
@@ -116,7 +119,7 @@ def keep_one_nan(values):
 
 @compiled
 def begin_run(dm, row, starts, k, run):
-    """The start of a run: that of its row, or the k-th of `starts`."""
+    """Set the start of a run: that of its row, or the k-th of `starts`."""
     if starts.shape[0] == 0:
         start_state(dm, row, run.state)
         run.modes[0], run.modes[1] = FREE, FREE
@@ -129,12 +132,12 @@ def begin_run(dm, row, starts, k, run):
 
 @compiled
 def run_to_verdict(dm, ask, run, record, out, codes):
-    """A run from its start to its verdict; fills its outcome."""
+    """Make a run from its start to its verdict; fill its outcome."""
     clear_counts(record.counts)
     status, at_rest = evolve(dm, ask, run, record)
     codes.status, codes.n_events, codes.n_periods = status, record.counts[EVENT_COUNT], int(run.state[PERIOD])
     verdict(dm, run.state, run.past[0], at_rest, ask.periods - codes.n_periods, codes, out)
-    # one of BOTH_DOWN: `in` has Numba compile functions of its own
+    # the mode is one of BOTH_DOWN: for `in` Numba would compile functions of its own
     if codes.mode == M_REST or codes.mode == M_ROLLS or codes.mode == M_SLIDES:
         out.orbit[V_SPEED] = length(run.state[CA], run.state[CB])
     if status != OK:
@@ -143,16 +146,17 @@ def run_to_verdict(dm, ask, run, record, out, codes):
 
 @compiled
 def note_failure(status, out, codes):
-    """The outcome of a run that could not go on."""
+    """Fill the outcome of a run that could not go on: its status, and no numbers."""
     clear_outcome(codes, out)
     codes.status, codes.mode = status, M_FAILED
 
 
 @compiled
 def follow_with_twin(dm, ask, run, later, twin, record):
-    """Follow a run that has not settled on as `later`, and a `twin` that starts beside it, in stretches until they are apart.
+    """Follow a run that has not settled on as `later`, beside a `twin`, in stretches until the two are apart.
 
-    The run itself stays as it ended. The two share their past, of which only the last strobe is looked at.
+    The plate phase of the twin is shifted at the start. The run itself stays as it ended. The two share one past, of
+    which only the last strobes count: one of each, after each stretch.
 
     Returns
     -------
@@ -173,33 +177,41 @@ def follow_with_twin(dm, ask, run, later, twin, record):
             status, _ = evolve(dm, further, later if which == 0 else twin, record)
             if status != OK:
                 return status, False
-        if change(later.past[0], STRETCH, 0) > SEPARATED:  # from the last strobe of the one to that of the other
+        # the strobes of `later` and `twin` over this stretch follow each other in the past: STRETCH strobes back is the
+        # last strobe of `later`
+        if change(later.past[0], STRETCH, 0) > SEPARATED:
             return OK, True
     return OK, False
 
 
 def ask_for(periods, rtol, settle=False, path=False) -> Ask:
-    """What is asked of a run, in the types that the compiled code expects."""
+    """Return the request for a run, in the types that the compiled code expects."""
     return Ask(int(periods), float(rtol), float(rtol), bool(settle), bool(path))
 
 
 def stop(space: Workspace) -> None:
-    """Have the runs on the scratch arrays of a thread end within a few steps; they stay stopped."""
+    """Stop the runs on the scratch arrays of a thread: they end within a few steps, and stay stopped."""
     space.work.meter[0].stop = True
 
 
 def is_stopped(space: Workspace) -> bool:
-    """Whether the runs on these scratch arrays were stopped."""
+    """Return True if the runs on these scratch arrays were stopped."""
     return bool(space.work.meter[0].stop)
 
 
 def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace | None = None) -> int:
-    """Verdicts of many runs, unrecorded: ``run_rows``, with scratch arrays of its own unless some are given."""
+    """Make many runs to their verdicts, unrecorded; return the number of runs made.
+
+    See ``run_rows``. Without `space` it has scratch arrays of its own.
+    """
     ask, nowhere = ask_for(periods, rtol, settle), np.zeros((0, N_START))
     return run_rows(rows, nowhere, ask, until, out, codes, space or new_workspace(), no_record())
 
 
 def run_recorded(row, ask, out, codes, record, space: Workspace | None = None, start=None) -> None:
-    """One run with its record, see ``run_rows``; its end and its past stand in the workspace, if one is given."""
+    """Make one run with its record; see ``run_rows``.
+
+    The end of the run and its past stand in the workspace, if one is passed.
+    """
     starts = np.zeros((0, N_START)) if start is None else start
     run_rows(row[None], starts, ask, 0, out, codes, space or new_workspace(), record)

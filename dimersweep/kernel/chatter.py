@@ -1,15 +1,15 @@
-"""The end of a chatter: bounces whose remainder lasts too short to matter are summed as a plastic close.
+"""Close a chatter: bounces whose remainder lasts too short to matter are summed as a plastic close.
 
-The rest of a chatter, a geometric series of hops, takes t = 2 n / (a (1 - e)). Beside an end that is closed from now on, a
-bouncing one lacks at each moment the impulse that goes with its gap rate: n now, none at the end, and on the average none,
-since the gap is zero at both ends. So the end is closed now by the (negative) impulse that cancels n, with the friction of
-the contact to come; what is lost is how that friction and the levers change in the meantime, of the order of n (omega t)^2.
-Beside an end that sticks that friction may set a slow slip going, which would have stopped within the hops: a close that
-gains energy, the impact before it included, waits for a fainter hop.
+The rest of a chatter, a geometric series of hops, takes t = 2 n / (a (1 - e)). Beside an end that is closed from now
+on, a bouncing end lacks at each moment the impulse that goes with its gap rate: n now, none at the end, and on the
+average none, since the gap is zero at both ends. So the end is closed now by the (negative) impulse that cancels n,
+with the friction of the contact to come. The error is the change of that friction and of the levers in the meantime, of
+the order of n (omega t)^2. Beside an end that sticks that friction may set a slow slip going, which would have stopped
+within the hops. A close that gains energy, the impact before it included, waits for a fainter hop.
 
-Hops without end (e near 1), of one end or of both in turn, are followed one by one, up to millions in a forcing period. Each
-is known to the tolerance, and the errors add up: an end is closed where its rate is no more than a small part of that sum.
-What is lost are the hops; the motion about which they hop goes on as a contact phase.
+Hops without end (e near 1), of one end or of both in turn, are followed one by one, up to millions in a forcing period.
+Each is known to the tolerance, and the errors add up: an end is closed where its rate is no more than a small part of
+that sum. Only the hops are left out; the motion about which they hop goes on as a contact phase.
 """
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -27,22 +27,28 @@ from dimersweep.kernel.model.works import begin_tally, note_struck
 from dimersweep.kernel.numerics.elementary import length, raised
 from dimersweep.kernel.numerics.steps import copy
 
-CLOSE_COST = 4.0  # what the close of a chatter may cost, in tolerances
-SPREAD = 0.03  # what the errors of a period's events add up to, in tolerances for each
-ALONE = 20.0  # hops of one end over which the other one stays off the plate if it has no part in them
-NOTHING = -1.0  # time of hops where none are summed, or may be
-FLOOR = 1e-13  # separation speed, in g/omega, at which round-off rules the hops; and share of energy that it may give
+CLOSE_COST = 4.0  # error that the close of a chatter may make, in tolerances
+# sum of the errors of the events of a period, in tolerances for each event
+SPREAD = 0.03
+# number of hops of one end over which the other end stays off the plate if it has no part in the rattle
+ALONE = 20.0
+NOTHING = -1.0  # time of hops where no hops are summed, or may be summed
+# separation speed, in g/omega, below which round-off rules the hops; and share of energy that round-off may give
+FLOOR = 1e-13
 
 
 @compiled
 def rest_of_chatter(dm, c, state, i, faint, tol):
-    """Time that the rest of the chatter of end i under the contact force takes [s]; NOTHING if it is not to be summed.
+    """Return the time that the rest of the chatter of end i under the contact force takes [s].
 
-    0.0 if the gap rate is as faint as one may be that is lost, or ruled by round-off, and for an end that is off the plate.
-    While the force changes slowly, hops without loss keep n^3 over it: they grow with it. No hop is summed where they do not
-    end, where the plate could take the force away before, or where the close loses more than the tolerance. Where an impact
-    holds an end otherwise than a lasting contact, a close lets slip what hops would have held, or holds it: that is of the
-    order of n, and no hop is summed that counts.
+    It is NOTHING if the hops are not to be summed. It is 0.0 if the gap rate is faint enough to be left out, or is
+    ruled by round-off, and for an end that is off the plate.
+
+    While the force changes slowly, hops without loss keep n^3 over it: they grow with it. No hop is summed where hops
+    do not end, where the plate could take the force away before, or where the error of the close exceeds the tolerance.
+    Where an impact holds an end by another friction than a lasting contact does, a close lets an end slip that hops
+    would have held, or holds one that would have slipped. That error is of the order of n, and no hop is summed that
+    counts.
     """
     if c.modes[i] == FREE:
         return 0.0
@@ -61,7 +67,7 @@ def rest_of_chatter(dm, c, state, i, faint, tol):
 
 @compiled
 def stays_open(dm, state, j, time):
-    """Whether end j certainly stays off the plate for so long."""
+    """Return True if end j certainly stays off the plate for the time [s]."""
     _, far = body.extent(dm)
     fall = heaviest(dm) + far * (state[WB] * state[WB] + state[WP] * state[WP] + state[SPIN] * state[SPIN])
     return state[D1 + j] + time * (state[N1 + j] - fall * time) >= 0.0
@@ -69,7 +75,7 @@ def stays_open(dm, state, j, time):
 
 @compiled
 def lands_slowly(dm, state, rate):
-    """Whether an end that lands within the next hops of a rattle lands no faster than this."""
+    """Return True if an end that lands within the next hops of a rattle lands no faster than `rate` [m/s]."""
     most = heaviest(dm)
     for j in range(2):
         fast = state[N1 + j] * state[N1 + j] + 2.0 * most * state[D1 + j] > rate * rate
@@ -80,14 +86,14 @@ def lands_slowly(dm, state, rate):
 
 @compiled
 def open_ends_stay_so(dm, c, state, time):
-    """Whether an end that is off the plate certainly stays there for so long."""
+    """Return True if the ends that are off the plate certainly stay off it for the time [s]."""
     stays = c.modes[0] != FREE or stays_open(dm, state, 0, time)
     return stays and (c.modes[1] != FREE or stays_open(dm, state, 1, time))
 
 
 @compiled(inline=True)
 def slow_ends(state, fast):
-    """Which ends on the plate leave it no faster than this; none if they all rest on it."""
+    """Return for each end whether it leaves the plate no faster than `fast`; False for both if all rest on it."""
     may_1 = state[D1] == 0.0 and 0.0 <= state[N1] <= fast
     may_2 = state[D2] == 0.0 and 0.0 <= state[N2] <= fast
     moves = (may_1 and state[N1] > 0.0) or (may_2 and state[N2] > 0.0)
@@ -96,7 +102,10 @@ def slow_ends(state, fast):
 
 @compiled(inline=True)
 def faint_rate(dm, state, tol, events):
-    """Gap rate that may be lost, or what the errors of so many events add up to, where no end lands faster than that."""
+    """Return the gap rate that may be left out [m/s].
+
+    It is the error of a close, or the sum of the errors of so many events, where no end lands faster than that.
+    """
     faint, spread = CLOSE_COST * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
     return spread if spread > faint and lands_slowly(dm, state, spread) else faint
 
@@ -122,13 +131,15 @@ def come_to_rest(dm, c, state, tol, events, energy):
         Time that the hops which are summed would have taken [s]; below zero if no end was closed.
     """
     modes = c.modes
-    quickest = 2.0 * dm.tempo / heaviest(dm)  # phase that a chatter takes per rate, with e = 0
+    # phase that a chatter takes per gap rate, at the least: with e = 0 and the greatest weight
+    quickest = 2.0 * dm.tempo / heaviest(dm)
+    # no faster end can obey n (omega t)^2 <= CLOSE_COST tol v_scale
     fast = raised(CLOSE_COST * tol * dm.v_scale / (quickest * quickest), 1.0 / 3.0)
     may_1, may_2 = slow_ends(state, fast)
     if not may_1 and not may_2:
         return NOTHING
     faint = faint_rate(dm, state, tol, events)
-    for _ in range(4):
+    for _ in range(4):  # each turn takes an end out of the candidates, or ends
         if not may_1 and not may_2:
             break
         contact_state(dm, state, 0 if may_1 else 1, c.y)
@@ -137,7 +148,7 @@ def come_to_rest(dm, c, state, tol, events, energy):
             break
         rest_1, rest_2 = rest_of_chatter(dm, c, state, 0, faint, tol), rest_of_chatter(dm, c, state, 1, faint, tol)
         time, down_1, down_2 = max(rest_1, rest_2), modes[0] != FREE, modes[1] != FREE
-        if min(rest_1, rest_2) < 0.0:  # the others alone
+        if min(rest_1, rest_2) < 0.0:  # one end is not to be summed: the other one alone
             may_1, may_2 = may_1 and down_1 and rest_1 >= 0.0, may_2 and down_2 and rest_2 >= 0.0
         elif not open_ends_stay_so(dm, c, state, time):
             break
@@ -153,10 +164,11 @@ def come_to_rest(dm, c, state, tol, events, energy):
 
 @compiled
 def close(dm, c, state, tol, energy):
-    """Close the ends that have a contact mode, if that is allowed; returns whether it was.
+    """Close the ends that have a contact mode, if that is allowed; return True if it was.
 
-    It is not allowed if the kinetic energy is then greater than `energy`, that before the impact, by more than the tolerance,
-    or if an open end on the plate then moves into it; rates of round-off are always closed. Else the state stays as it was.
+    It is not allowed if the kinetic energy is then greater than `energy`, that before the impact, by more than the
+    tolerance. Nor is it allowed if an open end on the plate then moves into the plate. Rates of round-off are always
+    closed. If it is not allowed, the state stays as it was.
     """
     before = c.dy
     copy(state, before, N_STATE)
@@ -175,7 +187,7 @@ def close(dm, c, state, tol, energy):
 
 @compiled
 def drop_round_off(dm, state):
-    """Ends that leave the plate at a rate of round-off leave it at rate zero (a hop at no weight would never end)."""
+    """Set rates of round-off at which ends leave the plate to zero (a hop at no weight would never end)."""
     for i in range(2):
         if state[D1 + i] == 0.0 and 0.0 < state[N1 + i] <= FLOOR * dm.v_scale:
             state[N1 + i] = 0.0
@@ -183,7 +195,7 @@ def drop_round_off(dm, state):
 
 @compiled
 def close_one(dm, c, state, i):
-    """Cancel the gap rate of end i by an impulse with the friction of its contact mode; the impulses go into c.F."""
+    """Cancel the gap rate of end i by an impulse with the friction of its contact mode; write the impulses into c.F."""
     p, (sin_b, cos_b) = end(dm, i), attitude(dm, state[DIP])
     lv, lj = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     wj, u_a, u_b = delassus(dm, lj, lv), c.y[Y.u_a], c.y[Y.u_b]
@@ -197,7 +209,7 @@ def close_one(dm, c, state, i):
 
 @compiled
 def close_both(dm, c, state):
-    """Cancel both gap rates by impulses with the friction of the contact modes, which go into c.F."""
+    """Cancel both gap rates by impulses with the friction of the contact modes; write the impulses into c.F."""
     F = c.F
     double_forces(dm, c.modes, c.y, (state[N1], state[N2], 0.0, 0.0), F)
     p, q = body.level_levers(dm)
@@ -211,8 +223,8 @@ def close_both(dm, c, state):
 def note_close(dm, before, state, F, work):
     """Note the works of the impulses F of a close in the first row of those of an impact.
 
-    An impulse that acts at once works with the mean of the velocities before and after it; the axial one that two closed ends
-    share works half at each.
+    An impulse that acts at once works with the mean of the velocities before and after it. The axial impulse that two
+    closed ends share works half at each.
     """
     n_1, a_1, b_1 = mean_velocity(dm, before, state, 0)
     n_2, a_2, b_2 = mean_velocity(dm, before, state, 1)
@@ -226,7 +238,7 @@ def note_close(dm, before, state, F, work):
 
 @compiled
 def mean_velocity(dm, before, state, i):
-    """Mean of the velocities (gap rate, axial, lateral) of the contact point of end i in two states."""
+    """Return the mean of the velocities (gap rate, axial, lateral) of the contact point of end i in two states."""
     n_0, a_0, b_0 = contact_velocity(dm, before, i)
     n, a, b = contact_velocity(dm, state, i)
     return 0.5 * (n_0 + n), 0.5 * (a_0 + a), 0.5 * (b_0 + b)

@@ -1,4 +1,4 @@
-"""What is asked of a run, and a run on its way: the arrays it works on, and what stands between its events."""
+"""Requests for runs, and a run on its way: the arrays that it works on, and its progress between events."""
 
 from math import inf
 from typing import Any, NamedTuple
@@ -20,27 +20,28 @@ from dimersweep.kernel.numerics.meter import Meter
 from dimersweep.kernel.numerics.root_bracket import RootBracket
 from dimersweep.kernel.verdict.past import Past
 
-# bound on the work of a run, in hops of one end: a few seconds, and 0.2 s a period, at most
+# bound on the work of a run, in hops of one end, and its increase with each period: a few seconds, and 0.2 s a period,
+# at most
 BUDGET, BUDGET_PER_PERIOD = 1_500_000, 100_000
 
 
 class Course:
-    """Where a run stands between two events."""
+    """Progress of a run between two events."""
 
     status: int  # OK, or why the run cannot go on
     ended: bool  # whether the run has ended before its last forcing period
     pending: bool  # whether the contact of the ends at rest on the plate is to be chosen anew
-    event: int  # what has just ended a contact phase (`contact.events`), NO_EVENT if nothing has
+    event: int  # event that has just ended a contact phase (`contact.events`), NO_EVENT if none has
     contact_is_set: bool  # the contact state is the one just chosen: it holds slips that the kernel state rounds off
     slip_tol: float  # slip that counts as none in contact [m/s]
-    cause: int  # of the next event row
+    cause: int  # cause of the next event row
     contact_before: float  # contact state of Table 1 before the event
-    hop_time: float  # time that the hops take which the close of a chatter sums; below zero if none were [s]
+    hop_time: float  # time of the hops that the close of a chatter sums; below zero if it summed none [s]
     forced: int  # impacts without collision in a row
     period_events: int  # number of events when the forcing period began
-    blow: Blow  # of an impact at one end
-    stride: Stride  # of a leg of an impact at both ends
-    tally: WorkTally  # of the works of the forces, where they are wanted
+    blow: Blow  # impact at one end
+    stride: Stride  # leg of an impact at both ends
+    tally: WorkTally  # works of the forces, where they are wanted
 
 
 # rows of scratch beyond those of an expansion
@@ -48,26 +49,26 @@ ROW_CONTACT, ROW_RATES, ROW_FORCES, ROW_BEFORE, ROW_TRIAL, WORK_ROWS = range(EXP
 
 
 class Scratch(NamedTuple):
-    """Scratch of one thread for impacts and contact steps; records stand in arrays of one, which functions can return."""
+    """Scratch of one thread for impacts and contact steps; records are in arrays of one, which functions can return."""
 
     rows: Any  # shape (WORK_ROWS + STRUCK_ROWS, ROW); the last ones have the works of an impact (`works.note_struck`)
-    step: Any  # of a contact phase (`step_control.StepArrays`)
-    impact: Any  # of one at both ends (`impact.ImpactArrays`)
-    bracket: Any  # of an event within a step (`root_bracket.RootBracket`)
-    control: Any  # of the steps of a contact phase (`step_control.Control`)
-    course: Any  # of the run (`Course`)
-    meter: Any  # the work that the run has done and may do, and whether it is to stop (`meter.Meter`)
+    step: Any  # arrays of a contact phase (`step_control.StepArrays`)
+    impact: Any  # arrays of an impact at both ends (`impact.ImpactArrays`)
+    bracket: Any  # bracket of an event within a step (`root_bracket.RootBracket`)
+    control: Any  # control of the steps of a contact phase (`step_control.Control`)
+    course: Any  # progress of the run (`Course`)
+    meter: Any  # work that the run has done and may do, and whether it is to stop (`meter.Meter`)
 
 
 def new_work() -> Scratch:
-    """Scratch that may be worked on without bound."""
+    """Return scratch whose meter has no bound."""
     rows, meter = np.zeros((WORK_ROWS + STRUCK_ROWS, ROW)), one(Meter)
     meter[0].bound = inf
     return Scratch(rows, one(StepArrays), one(ImpactArrays), one(RootBracket), one(Control), one(Course), meter)
 
 
 class Ask(NamedTuple):
-    """What is asked of a run."""
+    """Request for a run: its length, accuracy and results."""
 
     periods: int  # forcing periods at most
     rtol: float  # the one accuracy knob
@@ -77,16 +78,16 @@ class Ask(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """A run on its way; all arrays are modified in place."""
+    """Run on its way; all arrays are modified in place."""
 
     state: Any  # shape (N_STATE,)
     modes: Any  # friction modes of the ends, shape (2,)
-    past: Any  # what the verdict needs (`verdict.past.Past`)
-    course: Any  # where it stands (`Course`)
-    contact: Any  # the state as a contact phase has it (`coordinates`), its rates, and its forces
+    past: Any  # past of the run, for the verdict (`verdict.past.Past`)
+    course: Any  # progress of the run (`Course`)
+    contact: Any  # contact state (`coordinates`), its rates, and its forces
     rates: Any
     forces: Any
-    before: Any  # the state before hops were summed
+    before: Any  # state before hops were summed
     work: Any  # scratch (`Scratch`), and its meter
     meter: Any
 
@@ -94,7 +95,7 @@ class Motion(NamedTuple):
 class Workspace(NamedTuple):
     """Scratch arrays of one thread; `state`, `modes` and `past` are those at the end of the last run.
 
-    Records stand in arrays of one, which a call from Python hands over twenty times as fast.
+    Records stand in arrays of one, which a call from Python passes on twenty times as fast.
     """
 
     state: Any
@@ -105,14 +106,14 @@ class Workspace(NamedTuple):
     twin_state: Any
     twin_modes: Any
     past: Any
-    dimer: Any  # that of the run, and one on a plate whose phase is shifted, with its parameters
+    dimer: Any  # dimer of the run; `later_dimer`, `row`: dimer on a plate whose phase is shifted, and its parameters
     later_dimer: Any
     row: Any
     work: Any
 
 
 def new_workspace() -> Workspace:
-    """Scratch arrays for what Python calls: the compiled code allocates nothing."""
+    """Return scratch arrays for calls from Python: the compiled code allocates nothing."""
     return Workspace(
         state=np.zeros(N_STATE),
         modes=np.zeros(2),
@@ -131,7 +132,7 @@ def new_workspace() -> Workspace:
 
 @compiled(inline=True)
 def motion_of(state, modes, past, space):
-    """The run of a state with its past, on the scratch arrays of a workspace."""
+    """Return the motion of a state with its past, on the scratch arrays of a workspace."""
     work, rows = space.work, space.work.rows
     return Motion(
         state,
@@ -149,15 +150,17 @@ def motion_of(state, modes, past, space):
 
 @compiled(inline=True)
 def contact_of(dm, motion):
-    """The contact of the ends on the plate in a run, now."""
+    """Return the contact of the ends on the plate in a run, at its present phase and state."""
     phase, slip_tol = motion.state[PHASE] + dm.phi0, motion.course[0].slip_tol
     return Contact(motion.modes, phase, motion.contact, motion.rates, motion.forces, slip_tol)
 
 
 @compiled(inline=True)
 def begin_course(course, contact, cause, events):
-    """Set a course to its start, with `contact` the contact state of Table 1 there, `cause` why the first event row is written,
-    and so many `events` in the record. The friction modes of ends on the plate are chosen anew.
+    """Set a course to its start; the friction modes of ends on the plate are chosen anew.
+
+    `contact` is the contact state of Table 1 there, `cause` the cause of the first event row, and `events` the number
+    of events in the record.
     """
     course.status, course.ended = OK, False
     course.pending, course.event, course.contact_is_set, course.slip_tol = True, NO_EVENT, False, 0.0

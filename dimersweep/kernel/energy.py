@@ -1,4 +1,7 @@
-"""The energy book of a run: the works of the contact forces in each smooth phase and in each impact, where they are wanted."""
+"""The energy book of a run, where it is wanted.
+
+It has the works of the contact forces in each smooth phase and in each impact.
+"""
 
 from typing import Any, NamedTuple
 
@@ -12,24 +15,24 @@ from dimersweep.kernel.numerics.steps import copy
 
 
 class Book(NamedTuple):
-    """Rows beside those of a record, none if no works are wanted; all are filled in place [J]."""
+    """Rows with the works beside those of a record, none if no works are wanted; all are filled in place [J]."""
 
     smooth: Any  # works in each smooth phase, shape (n, N_WORK)
-    flows: Any  # what flows in it either way: the sums of the sizes of the works in its steps
-    ends: Any  # state at its end, before an impact there, shape (n, N_STATE)
+    flows: Any  # sums of the sizes of the works in its steps, shape (n, N_WORK): energy that flows either way
+    ends: Any  # state at the end of each smooth phase, before an impact there, shape (n, N_STATE)
     struck: Any  # works of each event, shape (k, N_WORK): zero but for impacts and closes of chatters
-    leads: Any  # number of the smooth phase that such an event leads to, shape (k,), int64
+    leads: Any  # number of the smooth phase to which such an event leads, shape (k,), int64
 
 
 def new_book(rows: int) -> Book:
-    """An empty book beside a record of so many rows."""
+    """Return an empty book beside a record of so many rows."""
     works = [np.zeros((rows, N_WORK)) for _ in range(3)]
     return Book(works[0], works[1], np.zeros((rows, N_STATE)), works[2], np.zeros(rows, np.int64))
 
 
 @compiled
 def begin_phase(y, work):
-    """No works yet in the contact phase that is followed on."""
+    """Set the works of the contact phase to zero."""
     flows = work.step[0].flows
     for k in range(N_CONTACT_WORK):
         y[Y.work + k], flows[k] = 0.0, 0.0
@@ -37,7 +40,10 @@ def begin_phase(y, work):
 
 @compiled
 def keep_phase(book, n, state, modes, y, work):
-    """Add to the smooth phase n the works in a part of it, which has come to a state with the contact state y."""
+    """Add the works of a part of the smooth phase n to its row, and keep the state at the end of the part.
+
+    y is the contact state there.
+    """
     if not 0 <= n < book.ends.shape[0]:
         return
     copy(state, book.ends[n], N_STATE)

@@ -1,4 +1,4 @@
-"""The event loop of one run: resolve the impact, choose the contact, move to the next event, and see to what follows it."""
+"""The event loop of one run: resolve the impact, choose the contact, move to the next event, and follow it up."""
 
 from math import isfinite, sqrt
 
@@ -37,10 +37,12 @@ from dimersweep.kernel.verdict.classify import stays_as_it_is
 from dimersweep.kernel.verdict.past import note_contact_modes, note_impact, note_landings
 from dimersweep.kernel.verdict.settling import note_period
 
-PAIR_COST = 6.0  # of a choice of contact for two ends, which may have to find how they set out, in hops of one end
-LOOSEST = 1e-3  # relative tolerance of an impact, however slow
+# work of a choice of contact for two ends, which may have to find how they set out, in hops of one end
+PAIR_COST = 6.0
+LOOSEST = 1e-3  # relative tolerance of an impact at the loosest, however slow the impact
 MOST_FORCED = 20  # impacts without collision in a row, after which the contact counts as jammed
-TURNED = 1e-9  # approach that stands for an impact without collision, in units of the slip
+# approach that stands for an impact without collision, in units of the slip: it must not count, nor drown in round-off
+TURNED = 1e-9
 
 
 @compiled
@@ -59,7 +61,7 @@ def evolve(dm, ask, motion, record):
     Returns
     -------
     status, at_rest : int, bool
-        OK or the reason why the run could not go on; whether the dimer rests for good.
+        OK or the status of a run that could not go on; True if the dimer rests for good.
     """
     begin_course(motion.course[0], coded(motion.modes[0], motion.modes[1]), layout.C_START, record.counts[EVENT_COUNT])
     set_bound(motion.meter, BUDGET + BUDGET_PER_PERIOD * ask.periods)
@@ -81,7 +83,7 @@ def evolve(dm, ask, motion, record):
 
 @compiled(inline=True)
 def going_on(ask, motion):
-    """Whether the run is to go on; sets its status where it cannot."""
+    """Return True if the run is to go on; set its status where it cannot."""
     course = motion.course[0]
     if course.status != OK or course.ended or motion.state[PERIOD] >= ask.periods:
         return False
@@ -92,13 +94,13 @@ def going_on(ask, motion):
 
 @compiled(inline=True)
 def why_over(meter):
-    """Status of a run whose meter is over."""
+    """Return the status of a run whose meter is over."""
     return layout.STOPPED if meter[0].stop else layout.MAX_EVENTS
 
 
 @compiled(inline=True)
 def approaches(state):
-    """Whether a closed end moves into the plate."""
+    """Return True if a closed end moves into the plate."""
     return (state[D1] == 0.0 and state[N1] < 0.0) or (state[D2] == 0.0 and state[N2] < 0.0)
 
 
@@ -107,9 +109,9 @@ def approaches(state):
 
 @compiled(inline=True)
 def resolve_impact(dm, ask, motion, record):
-    """The impact of the closed ends that approach, and the close of a chatter that is as good as over.
+    """Resolve the impact of the closed ends that approach, and close a chatter that is as good as over.
 
-    Returns whether the run goes on.
+    Return True if the run goes on.
     """
     state, past, course = motion.state, motion.past[0], motion.course[0]
     record.counts[EVENT_COUNT] += 1
@@ -134,13 +136,17 @@ def resolve_impact(dm, ask, motion, record):
 
 @compiled(inline=True)
 def noted_impact(dm, ask, motion, record):
-    """An impact with all that is kept of it: landings, the double event, the rows of the record. Returns its status."""
+    """Resolve an impact and note all that is kept of it; return its status.
+
+    These are the landings, the double event and the rows of the record.
+    """
     state, past, course = motion.state, motion.past[0], motion.course[0]
     double = state[D1] == 0.0 and state[D2] == 0.0
     end, begins = note_landings(dm, past, state)
     status, rows = collide(dm, state, motion.modes, ask.rtol, past.fastest, motion.work, record.log)
     note_impact(dm, state, past, double, end, begins)
-    if status == OK:  # an impact that is not over has no rows
+    # an impact that is not over has no rows
+    if status == OK:
         first = record.counts[EVENT_ROWS]
         note_impact_phases(dm, record, state, rows, course.contact_before)
         keep_struck(record.book, first, first + rows, record.counts[SEGMENT_ROWS], motion.work.rows)
@@ -151,8 +157,8 @@ def noted_impact(dm, ask, motion, record):
 def collide(dm, state, modes, tol, fastest, work, log):
     """Resolve the impact of the closed ends that approach; the state and the friction modes are updated.
 
-    `fastest` is the greatest speed in the plate's frame so far [m/s]: a motion that has always been slow has its own measure of
-    small. Returns OK or the reason why not, and the rows of the impact's log.
+    `fastest` is the greatest speed in the plate's frame so far [m/s]: a motion that has always been slow has its own
+    measure of small. Return a status, and the number of rows in the log of the impact.
     """
     closed_1, closed_2 = state[D1] == 0.0, state[D2] == 0.0
     if work.course[0].tally.wanted:
@@ -172,7 +178,7 @@ def collide(dm, state, modes, tol, fastest, work, log):
 
 @compiled
 def force_impact(dm, state):
-    """Set a vanishing approach at the ends whose contact law has no force: what follows is an impact without collision."""
+    """Set a vanishing approach at the ends whose contact law has no force: an impact without collision follows."""
     for i in range(2):
         if state[D1 + i] == 0.0 and state[N1 + i] == 0.0:
             _, a, b = contact_velocity(dm, state, i)
@@ -186,7 +192,8 @@ def force_impact(dm, state):
 def choose_contact(dm, ask, motion, record):
     """Choose the contact of the ends at rest on the plate, and note the smooth phase that begins with it.
 
-    Returns whether the run moves on: not where an impact without collision has to come first, nor where the record is full.
+    Return True if the run moves on. It does not where an impact without collision has to come first, or where the
+    record is full.
     """
     state, modes, course = motion.state, motion.modes, motion.course[0]
     course.slip_tol = no_slip(dm, state, ask.rtol)
@@ -222,7 +229,7 @@ def charge_pair(motion):
 
 @compiled(inline=True)
 def follow_up(dm, ask, motion, record, event):
-    """What an event leads to: an impact, the next forcing period, a new contact, or nothing."""
+    """Follow an event up: it leads to an impact, the next forcing period, a new contact, or nothing."""
     course = motion.course[0]
     if events.is_failure(event):
         course.status = layout.CONTACT_STEPS if event == events.OUT_OF_STEPS else layout.ROOT_STEPS
@@ -230,7 +237,8 @@ def follow_up(dm, ask, motion, record, event):
         end_period(dm, ask, motion, record)
     else:
         record.counts[EVENT_COUNT] += 1
-        if event == events.JAM:  # the force of a slip grows beyond all bounds: an impact without collision follows
+        # at a jam the force of a slip grows beyond all bounds: an impact without collision follows
+        if event == events.JAM:
             force_impact(dm, motion.state)
         elif not (
             events.is_lift_off(event) and smooth_motion.only_grazes(dm, contact_of(dm, motion), events.end_of(event))
@@ -247,7 +255,7 @@ def follow_up(dm, ask, motion, record, event):
 
 @compiled(inline=True)
 def end_period(dm, ask, motion, record):
-    """The end of a forcing period: a strobe of the motion, and whether its verdict is known by now."""
+    """End a forcing period: note a strobe of the motion, and end the run if its verdict is known."""
     state, modes, course = motion.state, motion.modes, motion.course[0]
     state[PHASE] = 0.0
     state[PERIOD] += 1.0
@@ -257,7 +265,8 @@ def end_period(dm, ask, motion, record):
         return
     note_period(dm, state, modes, motion.past[0])
     course.contact_is_set = modes[0] != layout.FREE or modes[1] != layout.FREE
-    if course.contact_is_set:  # by the slip that the row of the phase has
+    # the slip in the row of the segment is that of the contact state: it is set before the row is written
+    if course.contact_is_set:
         smooth_motion.resume_contact(dm, motion, ask.rtol)
     note_segment(record, motion, 0.0)
     if ask.settle and (
@@ -271,8 +280,10 @@ def end_period(dm, ask, motion, record):
 
 @compiled
 def start_state(dm, row, state):
-    """The start of a run: the lower end at gap0 over the plate, the rod at beta0 along the heading theta0 (Y where that is
-    zero), the rates of x1, y1, beta, theta, gamma as the row has them, that of z1 zero, all in the room.
+    """Set the start of a run.
+
+    The lower end is at gap0 over the plate, the rod at beta0 along the heading theta0 (along Y where that is zero). The
+    rates of x1, y1, beta, theta, gamma are those of the row and the rate of z1 is zero, all in the room.
     """
     beta0, xdot0, theta0, ydot0, betadot0, thetadot0, gammadot0, gap0 = row[layout.ROW_START :]
     for k in range(layout.N_STATE):
@@ -282,10 +293,12 @@ def start_state(dm, row, state):
     state[D1], state[D2] = max(0.0, -rise) + gap0, max(0.0, rise) + gap0
     state[N1] = state[N2] = -plate_rate(dm, dm.phi0)
     v_x, v_y = velocity_along(dm, dm.phi0)
-    v_x, v_y = xdot0 - v_x, -(v_y - ydot0)  # -0.0 where both are zero, as ever
+    # written so that v_y is -0.0 where both are zero, as in all earlier versions: results keep their bits
+    v_x, v_y = xdot0 - v_x, -(v_y - ydot0)
     sin_t, cos_t = sincos(theta0)
     state[CA], state[CB] = v_y * cos_t - v_x * sin_t, v_x * cos_t + v_y * sin_t
-    if betadot0 != 0.0 or thetadot0 != 0.0 or gammadot0 != 0.0:  # about the centre of ball 1, whose velocity is kept
+    # rates turn the dimer about the centre of ball 1, whose velocity is kept
+    if betadot0 != 0.0 or thetadot0 != 0.0 or gammadot0 != 0.0:
         sin_b, cos_b = attitude(dm, state[DIP])
         state[WB], state[WP], state[SPIN] = betadot0, thetadot0 * cos_b, gammadot0 + thetadot0 * sin_b
         state[N2] += dm.l * cos_b * state[WB]
@@ -295,7 +308,7 @@ def start_state(dm, row, state):
 
 @compiled(inline=True)
 def finish(dm, motion, record):
-    """The last row of the record; see `evolve`."""
+    """Write the last row of the record; return the status and whether the dimer rests for good, as `evolve` does."""
     state, modes, course = motion.state, motion.modes, motion.course[0]
     if course.status != OK:
         out_of_steps = course.status == layout.CONTACT_STEPS or course.status == layout.IMPACT_STEPS

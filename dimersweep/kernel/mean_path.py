@@ -1,8 +1,8 @@
 """The mean path of a drift: the circle that the centre of mass goes round, as a camera sees it.
 
-Within a forcing period the centre of mass swings to and fro about it. The speed in (11) is that of one moment, right after
-the double impact, and most of its part along the axis is made good within the period: so the radius of (11) is greater than
-the path's where zeta is far from a right angle, as it is where the spin is slow.
+Within a forcing period the centre of mass swings to and fro about that circle. The speed in (11) is that of one moment,
+right after the double impact, and most of its part along the axis is undone within the period. So the radius of (11) is
+larger than that of the path where zeta is far from a right angle, as it is where the spin is slow.
 """
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -21,16 +21,17 @@ ARCS = 4  # parts of a forcing period: with these the radius of the base case's 
 
 @compiled
 def note_path(dm, ask, run, later, space, record, out):
-    """Radius and speed of a drift's mean path into its outcome, from the forcing period that follows the run.
+    """Write radius and speed of the mean path of a drift into its outcome.
 
-    The period is cut in ARCS parts, and their chords are turned back, by the precession up to the middle of each of them.
-    With places z = c + e^(i w t) (R + s(t)), s being a swing that repeats in each period and is 0 in the mean, the sum of the
-    chords is 2 i ARCS sin(a / (2 ARCS)) times the mean of R + s over the ends of the parts, a = w T being the turn of a period.
+    They are taken from the forcing period that follows the run. The period is cut in ARCS parts. Their chords are
+    turned back, by the precession up to the middle of each of them. Let the places be z = c + e^(i w t) (R + s(t)),
+    where the swing s repeats in each period and has the mean 0. Let a = w T be the turn of a period. Then the sum of
+    the chords is 2 i ARCS sin(a / (2 ARCS)) times the mean of R + s over the ends of the parts.
 
     Parameters
     ----------
     run, later : Motion
-        The run at its end, which stays as it is, and the one that is followed on from there.
+        The run at its end, which stays as it is, and the motion that goes on from there.
     space : Workspace
         Scratch; the run stands in it, and its parameters, which change.
     record : Record
@@ -39,18 +40,20 @@ def note_path(dm, ask, run, later, space, record, out):
     Returns
     -------
     int
-        OK or the reason why there is none.
+        OK or the status of a motion that could not go on.
     """
     state, moved = later.state, space.later_dimer[0]
     copy(run.state, state, N_STATE)
     copy(run.modes, later.modes, 2)
-    state[X1] = state[Y1] = state[GAMMA] = 0.0  # only how far they go counts
+    state[X1] = state[Y1] = state[GAMMA] = 0.0  # only their changes count
     begin_past(later.past[0])
     step, part = out.orbit[V_RATE] * dm.period / ARCS, TWO_PI / ARCS
     start_later(space.row, part - TWO_PI)
     heading, (x, y) = state[THETA], centre(dm, state)
     along, across = 0.0, 0.0
-    for k in range(ARCS):  # the last part of a forcing period of a plate that is ahead by as much
+    # each part is the last of a forcing period, of a plate whose phase is ahead by as much: `evolve` ends at period
+    # ends
+    for k in range(ARCS):
         state[PHASE], state[PERIOD] = TWO_PI - part, 0.0
         set_dimer(space.row, moved)
         status, _ = evolve(moved, Ask(1, ask.rtol, ask.close, False, True), later, record)
@@ -64,7 +67,8 @@ def note_path(dm, ask, run, later, space, record, out):
         x, y = next_x, next_y
     turn = state[THETA] - heading
     s, _ = sincos(0.5 * turn / ARCS)
-    way = length(along, across) * (0.5 * turn / ARCS / s if s != 0.0 else 1.0)  # an arc over its chord
+    # the factor is that of an arc over its chord
+    way = length(along, across) * (0.5 * turn / ARCS / s if s != 0.0 else 1.0)
     out.path_speed = way / dm.period
     if turn != 0.0:
         out.path_radius = way / abs(turn)

@@ -1,6 +1,7 @@
 """Read the record of some forcing periods: symbols of its events, longest hops, and the last strike of the bouncer.
 
-The bouncer is the end that is in the air for longer. The spin of a motion is that after the bouncer's last impact.
+A passage is the motion from a section to its image. The bouncer is the end that is in the air for longer. The spin of a
+motion is the spin after the last impact of the bouncer.
 """
 
 from math import nan
@@ -35,8 +36,8 @@ from dimersweep.kernel.numerics.steps import copy
 from dimersweep.kernel.record import BEFORE, EVENT_ROWS, SEGMENT_MODES, SEGMENT_ROWS, is_kept
 from dimersweep.kernel.verdict.past import double_end, zeta_of
 
-# a symbol is the sum of the cause of an event, its contact state times `PER_STATE`, and `SAME_IMPACT` for a phase of the impact
-# that the one before belongs to
+# a symbol is the sum of the cause of an event, its contact state times `PER_STATE`, and `SAME_IMPACT` if it is a phase
+# of the same impact as the event before
 PER_STATE = len(CAUSES)
 SAME_IMPACT = PER_STATE * CODE_BASE**2
 
@@ -44,17 +45,17 @@ SAME_IMPACT = PER_STATE * CODE_BASE**2
 class Read(NamedTuple):
     """Numbers that are read off a passage, for Python: a row of an array in the kernel."""
 
-    spin: float  # after the last strike of the bouncer, or at the end without one [rad/s]
+    spin: float  # spin after the last strike of the bouncer, or at the end without a strike [rad/s]
     turned: float  # theta there [rad]
     theta: float  # at the end [rad]
     hop_1: float  # longest time for which each end is off the plate, in the motion of which this is one period [rad]
     hop_2: float
-    phase: float  # of that strike since the section [rad]; these are NaN without one
-    speed: float  # of the centre of mass after it [m/s]
-    zeta: float  # angle of that velocity from the axis, in the sense towards the bouncer [rad]
-    di_end: float  # how the strike ends: a code in ``layout.DI_ENDS``
-    strikes: float  # 1.0 if there is one
-    events: float  # rows in the record by now
+    phase: float  # phase of that strike since the section [rad]; this and the next two are NaN without a strike
+    speed: float  # speed of the centre of mass after the strike [m/s]
+    zeta: float  # angle of its velocity from the axis, in the sense towards the bouncer [rad]
+    di_end: float  # end state of the strike: a code in ``layout.DI_ENDS``
+    strikes: float  # 1.0 if there is a strike
+    events: float  # rows of events and segments in the record by now
     segments: float
 
 
@@ -66,37 +67,38 @@ class Reading(NamedTuple):
     """Numbers and symbols that are read off n passages in one record."""
 
     rows: Any  # shape (n, N_READ)
-    symbols: Any  # of each row of events, int64
+    symbols: Any  # symbol of each row of events, int64
 
 
 def new_reading(passages: int, rows: int) -> Reading:
-    """A reading of so many passages, in a record with so many rows."""
+    """Return a reading for so many passages, in a record with so many rows."""
     return Reading(np.zeros((passages, N_READ)), np.zeros(rows, np.int64))
 
 
 @compiled(inline=True)
 def digit(code, i):
-    """Digit of end i in the code of a contact state, see ``contact_code``."""
+    """Return the digit of end i in the code of a contact state, see ``contact_code``."""
     return int(code) // CODE_BASE if i == 0 else int(code) % CODE_BASE
 
 
 @compiled
 def event_time(row):
-    """Phase of the plate at an event, in all [rad]."""
+    """Return the total phase of the plate at an event, with all periods [rad]."""
     return row[E_PERIOD] * TWO_PI + row[E_PHASE]
 
 
 @compiled
 def segment_time(row):
-    """Phase of the plate at the start of a smooth phase, in all [rad]."""
+    """Return the total phase of the plate at the start of a smooth phase, with all periods [rad]."""
     return row[PERIOD] * TWO_PI + row[PHASE]
 
 
 @compiled
 def read_passage(dm, state, record, first_event, first_segment, k, struck, reading):
-    """Fill in what is read off the passage that ends in `state`, the k-th, whose rows in the record begin at the given ones.
+    """Fill in the numbers and symbols of the k-th passage, which ends in `state`.
 
-    `struck`, shape (N_STATE,), is scratch. Without rows nothing is read.
+    Its rows in the record begin at `first_event` and `first_segment`. `struck`, shape (N_STATE,), is scratch. If the
+    record has no rows nothing is read.
     """
     if not is_kept(record):
         return
@@ -114,7 +116,7 @@ def read_passage(dm, state, record, first_event, first_segment, k, struck, readi
     row[R_END], row[R_STRIKES] = DI_NONE, at >= 0
     if at >= 0:
         copy(segments[at], struck, N_STATE)
-        for j in range(N1, CB + 1):  # before the hops of a chatter were summed
+        for j in range(N1, CB + 1):  # velocities as they were before the hops of a chatter were summed
             struck[j] = segments[at, BEFORE + j - N1]
         row[R_SPIN], row[R_TURNED], row[R_PHASE] = struck[SPIN], struck[THETA], struck[PHASE]
         row[R_SPEED], row[R_ZETA] = length(struck[CA], struck[CB]), zeta_of(struck[CA], struck[CB], i)
@@ -124,7 +126,7 @@ def read_passage(dm, state, record, first_event, first_segment, k, struck, readi
 
 @compiled
 def note_symbols(events, symbols):
-    """Fill in the symbol of each event."""
+    """Write the symbol of each event."""
     last = -1.0
     for k in range(events.shape[0]):
         row = events[k]
@@ -138,7 +140,7 @@ def note_symbols(events, symbols):
 
 @compiled
 def longest_hop(events, i, period):
-    """Longest time for which end i is off the plate in a motion that repeats after a `period` [rad]."""
+    """Return the longest time for which end i is off the plate in a motion that repeats after a `period` [rad]."""
     longest, first, last, leaves = 0.0, -1.0, 0.0, False
     for k in range(events.shape[0]):
         row = events[k]
@@ -155,7 +157,7 @@ def longest_hop(events, i, period):
 
 @compiled
 def bouncer(segments):
-    """The end that is in the air for longer."""
+    """Return the number of the end that is in the air for longer."""
     first, second = 0.0, 0.0
     for k in range(segments.shape[0] - 1):
         span = segment_time(segments[k + 1]) - segment_time(segments[k])
@@ -166,7 +168,7 @@ def bouncer(segments):
 
 @compiled
 def last_strike(events, segments, i):
-    """Number of the segment that begins right after the last impact of end i, below zero without one."""
+    """Return the number of the segment right after the last impact of end i; below zero without such an impact."""
     for k in range(events.shape[0] - 1, -1, -1):
         if digit(events[k, E_KIND], i) > IMPACT:
             now = event_time(events[k])

@@ -1,4 +1,4 @@
-"""The record of a run: one row an event, and the state from which each smooth phase starts."""
+"""The record of a run: a row for each event, and a row with the state from which each smooth phase starts."""
 
 from typing import Any, NamedTuple
 
@@ -12,20 +12,20 @@ from dimersweep.kernel.model.event_row import E_KIND, N_EVENT, write_moment, wri
 from dimersweep.kernel.model.layout import C_CHATTER_END, C_IMPACT, C_SLIP, C_STICK, CB, N1, N_STATE
 from dimersweep.kernel.numerics.steps import copy
 
-# columns of a segment: the state, the friction modes of the phase that starts from it; where the close of a chatter leads to
-# it, the time that the hops which it sums take [s] (else 0), and what it changes (N1 to CB) as it was before; and the slip of
-# the leading end, to its last digit
+# columns of a segment: the state; the friction modes of the phase that starts from it; the time of the hops that a
+# close of a chatter has summed there [s] (else 0); the numbers that the close changes (N1 to CB) as they were before;
+# and the slip of the leading end, to its last digit
 SEGMENT_MODES, SEGMENT_HOP_TIME, BEFORE = N_STATE, N_STATE + 2, N_STATE + 3
 SEGMENT_SLIP = BEFORE + CB + 1 - N1
 N_SEGMENT = SEGMENT_SLIP + 2
-# what is counted: events, and the rows that the record has or would need
+# counts: events, and the rows that the record has or would need
 EVENT_COUNT, EVENT_ROWS, SEGMENT_ROWS = range(3)
 N_COUNTS = 3
-PHASES = 64  # of one impact that are kept
+PHASES = 64  # phases of one impact that are kept
 
 
 class Record(NamedTuple):
-    """Rows for the record of a run, none if none is wanted, and the counts."""
+    """Rows for the record of a run, none if no record is wanted, and the counts."""
 
     log: Any  # phases of one impact, shape (n, N_EVENT)
     events: Any  # shape (n, N_EVENT)
@@ -35,29 +35,29 @@ class Record(NamedTuple):
 
 
 def new_record(rows: int, phases: int = PHASES, *, works: bool = False) -> Record:
-    """An empty record with room for so many events, as many smooth phases, and so many phases of one impact."""
+    """Return an empty record with room for so many events, as many smooth phases, and so many phases of one impact."""
     log, counts, book = np.zeros((phases, N_EVENT)), np.zeros(N_COUNTS, np.int64), new_book(rows if works else 0)
     return Record(log, np.zeros((rows, N_EVENT)), np.zeros((rows, N_SEGMENT)), counts, book)
 
 
 def no_record() -> Record:
-    """A record that keeps nothing but the counts."""
+    """Return a record that keeps nothing but the counts."""
     return new_record(0, 0)
 
 
 def rows_of(record: Record) -> tuple[np.ndarray, np.ndarray]:
-    """Events and segments that were written."""
+    """Return the events and segments that were written."""
     return record.events[: record.counts[EVENT_ROWS]], record.segments[: record.counts[SEGMENT_ROWS]]
 
 
 def was_full(record: Record) -> bool:
-    """Whether a run that was made needed more rows than there were."""
+    """Return True if a run that was made needed more rows than there were."""
     return bool(max(record.counts[EVENT_ROWS], record.counts[SEGMENT_ROWS]) > len(record.events))
 
 
 @compiled
 def without_rows(record):
-    """A record that keeps nothing, with the same counts."""
+    """Return a record that keeps nothing, with the same counts array."""
     book = record.book
     none = Book(book.smooth[:0], book.flows[:0], book.ends[:0], book.struck[:0], book.leads[:0])
     return Record(record.log[:0], record.events[:0], record.segments[:0], record.counts, none)
@@ -65,26 +65,26 @@ def without_rows(record):
 
 @compiled
 def clear_counts(counts):
-    """No events yet, and no rows."""
+    """Set the counts of events and rows to zero."""
     counts[EVENT_COUNT], counts[EVENT_ROWS], counts[SEGMENT_ROWS] = 0, 0, 0
 
 
 @compiled(inline=True)
 def is_kept(record):
-    """Whether a record is wanted."""
+    """Return True if a record is wanted."""
     return record.segments.shape[0] > 0
 
 
 @compiled(inline=True)
 def is_full(record):
-    """Whether the record would have needed more rows."""
+    """Return True if the record would have needed more rows."""
     counts = record.counts
     return counts[EVENT_ROWS] > record.events.shape[0] or counts[SEGMENT_ROWS] > record.segments.shape[0]
 
 
 @compiled(inline=True)
 def next_row(rows, counts, kind):
-    """Number of the next of the rows of a kind, which is counted even where there is no room for it: then below zero."""
+    """Count a row of a kind; return its number, below zero where there is no room for it."""
     counts[kind] += 1
     return counts[kind] - 1 if counts[kind] <= rows.shape[0] else -1
 
@@ -119,7 +119,7 @@ def note_impact_phases(dm, record, state, rows, before):
 
 @compiled(inline=True)
 def note_segment(record, motion, hop_time):
-    """Write the start of a smooth phase, and the state before hops that take the time `hop_time` were summed."""
+    """Write the start of a smooth phase, and the state before hops were summed that take the time `hop_time` [s]."""
     n = next_row(record.segments, record.counts, SEGMENT_ROWS) if is_kept(record) else -1
     if n >= 0:
         row = record.segments[n]
@@ -132,10 +132,10 @@ def note_segment(record, motion, hop_time):
 
 @compiled(inline=True)
 def note_contact(dm, record, motion, after):
-    """Write the smooth phase that starts now, in the contact state `after`, and the event that has led to it unless the rows of
-    the impact tell all.
+    """Write the smooth phase that starts now, in the contact state `after`, and the event that has led to it.
 
-    A slip that nothing holds where it ends goes on in another direction.
+    The event is not written if the rows of the impact before say all. A slip that nothing holds where it ends goes on
+    in another direction.
     """
     state, cause, before = motion.state, motion.course[0].cause, motion.course[0].contact_before
     if cause == C_STICK and before == after:

@@ -13,12 +13,16 @@ from dimersweep.kernel.record import EVENT_ROWS, SEGMENT_ROWS, clear_counts, wit
 from dimersweep.kernel.section import N_POINT, SPIN_COORDINATE, judge, set_point, set_state
 from dimersweep.kernel.verdict.past import begin_past
 
-OTHER_CONTACT = -1  # why there is no image, beside what `section.judge` has: the motion comes to another contact there
+# status without an image, beside those of `section.judge`: the motion comes to the section in another contact
+OTHER_CONTACT = -1
 
 
 @compiled
 def move_on(dm, state, modes, ask, space, record):
-    """`advance` with the dimer filled in, and without what is read off the record, to which rows are added."""
+    """Move a state on as `advance` does, with the dimer already set; return the status.
+
+    Rows are added to the record, and nothing is read off it.
+    """
     motion = motion_of(state, modes, space.past, space)
     begin_past(motion.past[0])
     state[PERIOD] = 0.0
@@ -27,7 +31,7 @@ def move_on(dm, state, modes, ask, space, record):
 
 @exported
 def advance(row, state, modes, ask, space, record, reading):
-    """Move a state on to the end of a forcing period, over so many such ends, with a record of the way if one is wanted.
+    """Move a state on to the end of a forcing period, over a number of such ends, with a record if one is wanted.
 
     Parameters
     ----------
@@ -38,18 +42,18 @@ def advance(row, state, modes, ask, space, record, reading):
     modes : float64 array, shape (2,)
         Friction modes of the ends, chosen anew from the state; those at the end are filled in.
     ask : Ask
-        What is asked of the periods.
+        Request for the periods.
     space : Workspace
         Scratch.
     record : Record
         Filled in place where it has rows; its counts become those of these periods.
     reading : Reading
-        Of one passage; filled in from the record.
+        Reading of one passage; filled in from the record.
 
     Returns
     -------
     int
-        OK or the reason why not.
+        OK or the status of a motion that could not go on.
     """
     set_dimer(row, space.dimer[0])
     clear_counts(record.counts)
@@ -61,40 +65,40 @@ def advance(row, state, modes, ask, space, record, reading):
 
 @exported
 def images(row, units, points, free, section, modes, ask, chained, space, record, reading, found):
-    """Images of points of a section after the same periods, one after the other.
+    """Find the images of points of a section after the same periods, one after the other.
 
     Parameters
     ----------
     row : float64 array, shape (N_ROW,)
         Parameters in the order of ``layout.ROW``, SI units; the start in it is not used.
     units : float64 array, shape (N_POINT,)
-        Of the coordinates of the section.
+        Units of the coordinates of the section.
     points : float64 array, shape (n, k)
-        In the coordinates that are free in the contact at the section.
+        Points in the coordinates that are free in the contact at the section.
     free : int64 array, shape (k,)
-        Numbers of these.
+        Numbers of these coordinates.
     section : float64 array, shape (3,)
-        Phase of the plate at the section; the phase at which the spin is put back in each period [rad], and the spin [rad/s],
-        NaN if it is not.
+        Phase of the plate at the section [rad]; the phase at which the spin is put back in each period [rad]; and the
+        spin [rad/s], NaN if it is not put back.
     modes : float64 array, shape (2,)
         Friction modes of the ends at the section.
     ask : Ask
-        What is asked of the periods.
+        Request for the periods.
     chained : bool
-        Whether each point but the first is the image of the one before, filled in here.
+        True if each point but the first is the image of the point before, filled in here.
     space : Workspace
         Scratch.
     record : Record
-        Filled in place: the rows of all passages, one after the other; of each that from where the spin was last put back.
+        Filled in place: the rows of all passages, one after the other; of each after the spin was last put back.
     reading : Reading
-        Of n passages; filled in. The spin of one in which it is put back is that before.
+        Reading of n passages; filled in. If the spin is put back, it has the spin before that.
     found : float64 array, shape (n, k)
         Images, filled in.
 
     Returns
     -------
     status, made : int, int
-        OK or the reason why the last image is none; number of images, that one among them.
+        OK or the status of the last image, which is none then; number of images, the last one counted.
     """
     phase, back, spin = section[0], section[1], section[2]
     dm = space.dimer[0]
@@ -113,7 +117,7 @@ def images(row, units, points, free, section, modes, ask, chained, space, record
 
 @compiled
 def set_started(row, phase, later, dm):
-    """Fill in the dimer of a row on a plate that is at `phase` at the start; the row `later` is scratch."""
+    """Set the dimer of a row on a plate that is at `phase` at the start; the row `later` is scratch."""
     copy(row, later, N_ROW)
     start_later(later, phase - row[ROW_PHI0])
     later[ROW_PHI0] = phase % TWO_PI
@@ -122,7 +126,7 @@ def set_started(row, phase, later, dm):
 
 @compiled
 def image(units, z, free, section, modes, ask, space, record, reading, k, found):
-    """The k-th of the images; see `images`. Returns OK or the reason why not."""
+    """Find the k-th of the images, see `images`; return OK or a status without an image."""
     dm, state, reached, point = space.dimer[0], space.state, space.modes, space.twin_state[:N_POINT]
     for j in range(N_POINT):
         point[j] = 0.0
@@ -156,9 +160,9 @@ def image(units, z, free, section, modes, ask, space, record, reading, k, found)
 
 @compiled
 def to_fixed_spin(units, section, ask, space, record, point):
-    """Move the state of the workspace on from the section to where the spin is put back for the last time in the periods.
+    """Move the state of the workspace on from the section to where the spin is put back for the last time.
 
-    Returns the status, and the spin before it was put back. `point` is scratch.
+    That is in the last of the periods. Return the status, and the spin before it was put back. `point` is scratch.
     """
     state, reached, none = space.state, space.modes, without_rows(record)
     phase, back, spin = section[0], section[1], section[2]

@@ -1,8 +1,8 @@
-"""States of a recorded run at any time: each is moved again from the start of the smooth phase it lies in.
+"""Find states of a recorded run at any time: each is moved again from the start of the smooth phase that it lies in.
 
-A contact phase starts from the slip that the run had, and takes its steps up to the one past the time wanted. So just before an
-event the state comes to what the run found there: no end is below the plate, no slip has turned round. The hops that the close
-of a chatter has summed are followed one by one.
+A contact phase starts from the slip that the run had, and takes the steps of the run up to the first that passes the
+time asked for. So just before an event the state comes to what the run found there: no end is below the plate, no slip
+has reversed. The hops that the close of a chatter has summed are followed one by one.
 """
 
 from math import inf, nan
@@ -37,20 +37,23 @@ from dimersweep.kernel.record import BEFORE, SEGMENT_HOP_TIME, SEGMENT_MODES, SE
 from dimersweep.kernel.smooth_motion import only_grazes, resume_contact, set_contact
 from dimersweep.kernel.verdict.past import begin_past
 
-EARLY = 10.0  # x rtol: how much sooner than the run a sample may find the end of a slip [rad]
-MOST_GRAZES = 1000  # in a contact phase
-HOPS_LAST = 2.0  # hops are followed for so long, in units of the time that they take when the plate does not change
+# phase by which a sample may find the end of a slip sooner than the run [rad], in units of rtol
+EARLY = 10.0
+MOST_GRAZES = 1000  # grazes in a contact phase
+# time over which hops are followed, in units of the time that they take on a plate that does not change: that may be
+# longer
+HOPS_LAST = 2.0
 
 
 @exported
 def sample(row, segments, which, phases, rtol, space, record, states, modes, forces):
-    """Kernel states of a run at given times.
+    """Fill in the kernel states of a run at given times.
 
     Parameters
     ----------
     row : float64 array, shape (N_ROW,)
     segments : float64 array, shape (n, N_SEGMENT)
-        Starts of smooth phases (``record``); of hops that were summed, if they are to be followed.
+        Starts of smooth phases (``record``); with the time of hops that were summed, if they are to be followed.
     which : int64 array, shape (k,)
         Number of the segment in whose phase each time lies.
     phases : float64 array, shape (k,)
@@ -70,7 +73,7 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes, for
     Returns
     -------
     int
-        OK or the reason why not; the other times are sampled all the same.
+        OK or the status of a time without a state, which is nan; the other times are sampled all the same.
     """
     dm, worst = space.dimer[0], OK
     set_dimer(row, dm)
@@ -107,7 +110,7 @@ def sample(row, segments, which, phases, rtol, space, record, states, modes, for
 
 @compiled
 def note_forces(dm, motion, forces):
-    """Contact forces of the contact state, see `contact_rates`: along the axis and across it."""
+    """Write the contact forces of the contact state, along the axis and across it; see `contact_rates`."""
     y = motion.contact
     if y[Y.chart] != BY_HEADING:
         change_chart(dm, end(dm, leading(motion.modes)).s, y)
@@ -116,15 +119,15 @@ def note_forces(dm, motion, forces):
 
 @compiled
 def follow_hops(dm, space, segment, motion, span, rtol, record):
-    """Move the state on by a time from the close of a chatter, through the hops that were summed there; returns a status.
+    """Move the state on by a time from the close of a chatter, through the hops that were summed there.
 
-    The plate's phase is counted anew, so that a forcing period ends at the time wanted; the row of the workspace changes
-    accordingly, and its later dimer is filled in from it.
+    Return a status. The phase of the plate is counted anew, so that a forcing period ends at the time asked for. The
+    row of the workspace changes accordingly, and its later dimer is set from it.
     """
     state, modes = motion.state, motion.modes
     for k in range(N1, CB + 1):
         state[k] = segment[BEFORE + k - N1]
-    if span == 0.0:  # right after the bounce
+    if span == 0.0:  # right after the bounce: ends that leave are free
         for i in range(2):
             if state[N1 + i] > 0.0:
                 modes[i] = FREE
@@ -141,12 +144,13 @@ def follow_hops(dm, space, segment, motion, span, rtol, record):
 
 @compiled
 def move_contact(dm, motion, span, rtol):
-    """Move the state of a contact phase on by a time in it, in place, by the steps that the run took; returns a status.
+    """Move the state of a contact phase on by a time in it, in place, by the steps that the run took; return a status.
 
     Forces that graze zero go on as in the run. An end that is about to land is not below the plate.
     """
     state, modes, y, done, event = motion.state, motion.modes, motion.contact, 0.0, NO_EVENT
-    whole = (TWO_PI - state[PHASE]) / dm.omega  # what the run had before it
+    # the run had the rest of the forcing period before it: its steps were chosen for that
+    whole = (TWO_PI - state[PHASE]) / dm.omega
     for _ in range(MOST_GRAZES):
         c = contact_later(dm, contact_of(dm, motion), done)
         t, event = sustain_contact(dm, c, whole - done, min(span, whole) - done, True, rtol, motion.work)
@@ -167,8 +171,8 @@ def move_contact(dm, motion, span, rtol):
 def begin_contact(dm, motion, segment, rtol):
     """Set the contact state at the start of a phase as the run had it.
 
-    The slip in it counts where it sets out from rest: the velocities of the state have lost its direction to rounding. Runs
-    that were saved by an earlier version have none (nan).
+    The slip in the segment counts where slip sets out from rest: the velocities of the state have lost its direction to
+    rounding. Runs that were saved by an earlier version have none (nan).
     """
     y, slip_a, slip_b = motion.contact, segment[SEGMENT_SLIP], segment[SEGMENT_SLIP + 1]
     resume_contact(dm, motion, rtol)
@@ -178,5 +182,5 @@ def begin_contact(dm, motion, segment, rtol):
 
 @compiled
 def contact_later(dm, c, time):
-    """The contact with the plate moved on by a time."""
+    """Return the contact with the phase of the plate moved on by a time [s]."""
     return Contact(c.modes, c.phase + dm.omega * time, c.y, c.dy, c.F, c.slip_tol)

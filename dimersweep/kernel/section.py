@@ -1,8 +1,7 @@
-"""The section of the return map: the point that a state is at, in coordinates that leave out the cyclic ones, and the state at
-a point.
+"""The section of the return map: the point of a state, and the state at a point.
 
-The coordinates are the gaps and their rates, theta' cos(beta), the axial spin, and the velocity of the centre of mass along
-and across the axis, each in a unit of its own.
+A point has coordinates without the cyclic ones: the gaps and their rates, theta' cos(beta), the axial spin, and the
+velocity of the centre of mass along and across the axis, each in a unit of its own.
 """
 
 from math import sqrt
@@ -14,20 +13,20 @@ from dimersweep.kernel.numerics.elementary import atan2
 
 # why there is no state at a point: an end is below the plate, or higher above the other one than the dimer is long
 SUNK, STEEP = -3, -2
-SLOTS = (D1, D2, N1, N2, WP, SPIN, CA, CB)  # of the coordinates in a state
+SLOTS = (D1, D2, N1, N2, WP, SPIN, CA, CB)  # slots of the coordinates in a state
 N_POINT, SPIN_COORDINATE = len(SLOTS), SLOTS.index(SPIN)
 
 
 @compiled
 def set_point(state, units, point):
-    """Fill in the point of a state."""
+    """Write the point of a state."""
     for k in range(N_POINT):
         point[k] = state[SLOTS[k]] / units[k]
 
 
 @compiled
 def dip_of(dm, rise):
-    """Dip above level [rad] at which p2 is higher over the plate than p1 by `rise` [m]."""
+    """Return the dip above level [rad] at which p2 is higher over the plate than p1 by `rise` [m]."""
     share = rise / dm.l
     sin_b = min(1.0, max(-1.0, dm.sin_0 + share))
     cos_b = sqrt((1.0 - sin_b) * (1.0 + sin_b))
@@ -37,7 +36,7 @@ def dip_of(dm, rise):
 
 @compiled
 def judge(dm, units, point):
-    """Whether there is a state at a point: OK, SUNK or STEEP."""
+    """Return OK if there is a state at a point, else SUNK or STEEP."""
     if point[0] < 0.0 or point[1] < 0.0:
         return SUNK
     return OK if abs(point[1] - point[0]) * units[0] < dm.l else STEEP
@@ -45,7 +44,10 @@ def judge(dm, units, point):
 
 @compiled
 def set_state(dm, units, point, modes, state):
-    """Fill in the state at a point with the ends in their friction modes; a gap that is below zero by a rounding is closed."""
+    """Write the state at a point with the ends in their friction modes.
+
+    A gap that is below zero by a rounding is closed.
+    """
     for k in range(N_STATE):
         state[k] = 0.0
     for k in range(N_POINT):
@@ -61,7 +63,9 @@ def set_state(dm, units, point, modes, state):
 def hold(dm, modes, state):
     """Bring the ends that stick to rest: the motion of the centre of mass follows from the other rates."""
     if modes[0] == STICK and modes[1] == STICK:
-        state[WP] = -state[SPIN] * dm.sin_0 / dm.cos_0  # it rolls straight on, or as a cone
+        # both ends at rest do not turn about the vertical line through each other: the dimer rolls straight on, or as a
+        # cone
+        state[WP] = -state[SPIN] * dm.sin_0 / dm.cos_0
     for i in range(2):
         if modes[i] == STICK:
             _, along, across = contact_velocity(dm, state, i)
@@ -74,10 +78,10 @@ def hold(dm, modes, state):
 
 @exported
 def state_at(row, units, point, modes, dimer, state):
-    """Fill in the state at a point, shape (N_POINT,), see `set_state`; without a point, hold the state as it is.
+    """Write the state at a point, shape (N_POINT,), see `set_state`; without a point, hold the state as it is.
 
-    `row`, shape (N_ROW,), and `units`, shape (N_POINT,), are those of the dimer; `dimer`, an array of one, is
-    scratch. Returns OK or why there is no state at the point.
+    `row`, shape (N_ROW,), and `units`, shape (N_POINT,), are those of the dimer; `dimer`, an array of one, is scratch.
+    Return OK, SUNK or STEEP.
     """
     dm = dimer[0]
     set_dimer(row, dm)

@@ -1,4 +1,4 @@
-"""The smooth motion of a run between its impacts: the contact that begins, and the way to the next event."""
+"""Move a run on between its impacts: choose the contact that begins, and go to the next event."""
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact.contact_mode import CLOSED, contact_mode, force_later
@@ -17,22 +17,25 @@ from dimersweep.kernel.model.plate import keeps_speed, lightest, most_along
 from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.sincos import TWO_PI
 
-SLIP_SCALE = 0.1  # slip that counts as none in contact, in units of the tolerance and g/omega
-COINCIDENT = 4e-16  # gap, in units of l, that counts as closed when the other end lands
-FINER, FINEST = 1e-2, 1e-13  # accuracy of works over that of the run, and the best of it
-# of a contact phase besides its steps, of a flight with its impact, and of a probe for a landing, in hops of one end
+# slip that counts as none in contact, in units of the tolerance and the scale of velocities
+SLIP_SCALE = 0.1
+# difference of the gaps, in units of l, below which the other end lands too: about two units of round-off
+COINCIDENT = 4e-16
+FINER, FINEST = 1e-2, 1e-13  # tolerance of works over that of the run, and the least one
+# work of a contact phase besides its steps, of a flight with its impact, and of a probe for a landing, in hops of one
+# end
 CONTACT_COST, HOP_COST, PROBE_COST = 3.0, 0.6, 0.12
 
 
 @compiled
 def no_slip(dm, state, rtol):
-    """Slip that counts as none in contact [m/s]: below the tolerance, but clear of round-off."""
+    """Return the slip that counts as none in contact [m/s]: below the tolerance, but clear of round-off."""
     return max(SLIP_SCALE * rtol * dm.v_scale, 32.0 * slip_rounding(dm, state))
 
 
 @compiled(inline=True)
 def find_contact(dm, c, state, event):
-    """Contact modes of the ends at rest on the plate; the state follows them, and the contact state is set.
+    """Choose the contact modes of the ends at rest on the plate; the contact state is set, and the state follows it.
 
     Returns
     -------
@@ -79,7 +82,7 @@ def move_to_next_event(dm, ask, motion):
 
 @compiled(inline=True)
 def fly_to_landing(dm, motion, path):
-    """Move freely to the next landing or to the end of the forcing period; returns the event."""
+    """Move freely to the next landing or to the end of the forcing period; return the event."""
     state = motion.state
     span = (TWO_PI - state[PHASE]) / dm.omega
     fl = take_off(dm, state)
@@ -96,7 +99,7 @@ def fly_to_landing(dm, motion, path):
 
 @compiled
 def touch(dm, state, i):
-    """Close the gap of end i, which has landed, and the other one too if it is no higher, to rounding."""
+    """Close the gap of end i, which has landed, and also that of the other end if it is no higher, to rounding."""
     if state[D2 - i] - state[D1 + i] <= COINCIDENT * dm.l:
         state[D2 - i] = 0.0
     state[D1 + i] = 0.0
@@ -113,14 +116,17 @@ def resume_contact(dm, motion, rtol):
 
 @compiled(inline=True)
 def set_contact(dm, state, modes, y):
-    """The contact state of a phase under way, from the kernel state."""
+    """Set the contact state of a phase under way from the kernel state."""
     contact_state(dm, state, leading(modes), y)
     clear_slip(dm, modes, y)
 
 
 @compiled
 def clear_slip(dm, modes, y):
-    """Make the slip of a sticking end exactly zero (it was, but for the rounding on the way to the kernel state and back)."""
+    """Set the slip of a sticking end to exactly zero.
+
+    It was zero, but for the rounding on the way to the kernel state and back.
+    """
     if modes[0] == STICK or (modes[0] == FREE and modes[1] == STICK):
         y[Y.u_a], y[Y.u_b] = 0.0, 0.0
     elif modes[1] == STICK:
@@ -130,10 +136,10 @@ def clear_slip(dm, modes, y):
 
 @compiled(inline=True)
 def follow_contact(dm, ask, motion):
-    """Follow the contact phase to its next event, or to the end of the forcing period; returns the event."""
+    """Follow the contact phase to its next event, or to the end of the forcing period; return the event."""
     state, y, span = motion.state, motion.contact, (TWO_PI - motion.state[PHASE]) / dm.omega
     if motion.work.course[0].tally.wanted:
-        # works count in the energy of the motion and of the plate
+        # the tolerance of works is a share of the energy of the motion, and of a body that moves with the plate
         plate = 0.5 * dm.m * (dm.most_speed * dm.most_speed + dm.v_scale * dm.v_scale)
         energy = kinetic(dm, state) + plate
         motion.work.control[0].doubt = max(FINER * ask.rtol, FINEST) * energy
@@ -148,17 +154,17 @@ def follow_contact(dm, ask, motion):
 
 @compiled(inline=True)
 def only_grazes(dm, c, i):
-    """Whether the force at end i, zero now in the contact phase, is positive again a moment later."""
+    """Return True if the force at end i, zero now in the contact phase, is positive again a moment later."""
     take_rates(dm, c)
     return force_later(dm, c, i) > 0.0
 
 
 @compiled
 def rests_for_good(dm, motion):
-    """Whether both ends stick for good: the rod lies still, or rolls on at its speed, straight or as a cone, and friction and
-    plate hold it at every moment of the cycle.
+    """Return True if both ends stick for good: friction and plate hold the rod at every moment of the cycle.
 
-    Its forces are linear in gravity and in the acceleration along the plate, so that they are judged at the worst of both.
+    The rod lies still, or rolls on at its speed, straight or as a cone. Its forces are linear in gravity and in the
+    acceleration along the plate, so that they are judged at the worst of both.
     """
     modes, y = motion.modes, motion.contact
     if modes[0] != STICK or modes[1] != STICK or not keeps_speed(dm, motion.state[THETA], motion.state[WP]):
@@ -169,6 +175,7 @@ def rests_for_good(dm, motion):
     contact_state(dm, motion.state, 0, y)
     clear_slip(dm, modes, y)
     most = most_along(dm)
+    # the four corners of a square around all directions: `most` bounds the acceleration along the plate in any of them
     for k in range(4 if most > 0.0 else 1):
         A_a, A_b = most * (1.0 - 2.0 * (k % 2)), most * (1.0 - 2.0 * (k // 2))
         double_rates(dm, modes, Pull(lightest_g, A_a, A_b), y, False, motion.rates, motion.forces)

@@ -1,7 +1,8 @@
-"""The contact mode of ends that rest on the plate: which stay closed, which stick, which slip, by enumeration.
+"""Choose the contact mode of ends that rest on the plate: which ends stay closed, which stick, which slip.
 
-Of an end at rest on the plate (3) holds between its normal force and the acceleration of its gap, and (4) says whether
-friction can hold it. A mode fits if the forces that go with it do.
+For an end at rest on the plate, (3) holds between its normal force and the acceleration of its gap, and (4) says
+whether friction can hold the end. The candidate modes are tried one after the other; a mode fits if its forces obey (3)
+and (4).
 """
 
 from math import copysign
@@ -18,25 +19,32 @@ from dimersweep.kernel.model.layout import FREE, SLIP, STICK
 from dimersweep.kernel.numerics.elementary import length
 
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
-NO_FORCE = 1e-12  # force, in units of the weight, whose sign a moment later decides
-MOMENT = 1e-6  # of the plate's phase
-ROUNDED_SLIP = 2e-15  # slip that is rounding, in units of the speeds it is a difference of
-ROUNDED_HOLD = 1e-9  # lateral hold that is rounding, in units of what is left along the axis
-AT_LIMIT = 1e-6  # deceleration, in units of gravity, that is none
+# force, in units of the weight, below which the sign may be rounding: the sign a moment later decides in its place
+NO_FORCE = 1e-12
+# that moment [rad of the plate's phase]: far above the rounding of a phase, far below the time in which forces change
+MOMENT = 1e-6
+# slip that is rounding, in units of the speeds it is a difference of: nine units of round-off
+ROUNDED_SLIP = 2e-15
+# lateral hold that is rounding, in units of the hold that is left along the axis
+ROUNDED_HOLD = 1e-9
+# deceleration, in units of gravity, that counts as none: of a slip that sets out exactly at its limit only rounding is
+# left
+AT_LIMIT = 1e-6
 
 
 @compiled
 def single_mode(dm, c, i, lost):
-    """Mode of the one closed end i into c.modes; c.y gets the slip that goes with it.
+    """Choose the mode of the one closed end i, and write it into c.modes and the slip that goes with it into c.y.
 
-    It sticks where the friction can hold it, or leaves where nothing drives it into the plate, or else slips. At rest one
-    of these always fits (so does a slip out of rest, doi 10.1115/1.4035411). While it slips, none does where the friction
-    would press it into the plate the more, the more the plate pressed back (Painleve): an impact without collision follows,
-    which ends the slip, or turns it to where its force fits. Such a slip that nothing drives into the plate could also be
-    kept by a force, but by an unstable one: it leaves (Champneys and Varkonyi, arXiv:1601.03545).
+    The end sticks where friction can hold it. It leaves the plate where nothing drives it into the plate. Else it
+    slips. At rest one of these modes always fits; a slip out of rest always exists (doi 10.1115/1.4035411). For an end
+    that slips no mode fits where its friction presses it into the plate the more, the more the plate presses back
+    (Painleve). An impact without collision follows then: it ends the slip, or turns the slip to a direction in which a
+    force fits. Such a slip that nothing drives into the plate has a force that fits, too, but an unstable one: the end
+    leaves (Champneys and Varkonyi, arXiv:1601.03545).
 
-    `lost` says that the hold at rest has just been lost. Returns CLOSED, SEPARATES, or INCONSISTENT when no force satisfies the
-    law (Painleve: only an impact can follow).
+    `lost` says that friction has just ceased to hold the end at rest. Return CLOSED, SEPARATES, or INCONSISTENT when no
+    force satisfies the law (Painleve: only an impact can follow).
     """
     modes, y = c.modes, c.y
     modes[0], modes[1] = FREE, FREE
@@ -47,6 +55,7 @@ def single_mode(dm, c, i, lost):
         put_slip(dm, modes, y, i, 0.0, 0.0)
     take_rates(dm, c)
     if not slips and is_compressive(dm, c, i):
+        # with next to no force the hold is a ratio of two roundings: the end sticks
         faint = c.F[F1 + 3 * i] <= NO_FORCE * dm.m * dm.g
         if faint or (not lost and hold_reserve(dm, modes, i, c.F) >= 0.0):
             return CLOSED
@@ -63,7 +72,7 @@ def single_mode(dm, c, i, lost):
 
 @compiled
 def is_compressive(dm, c, i):
-    """Whether the force F at end i points outward; where it is only rounding, whether it does a moment later."""
+    """Return True if the force F at end i points outward; a force of rounding is judged by its value a moment later."""
     force = c.F[F1 + 3 * i]
     if abs(force) > NO_FORCE * dm.m * dm.g:
         return force > 0.0
@@ -72,7 +81,7 @@ def is_compressive(dm, c, i):
 
 @compiled
 def comes_back(dm, c, i):
-    """Whether the force at end i, which has just vanished, is positive a moment later."""
+    """Return True if the force at end i, which has just vanished, is positive a moment later."""
     later = force_later(dm, c, i) > 0.0
     take_rates(dm, c)
     return later
@@ -80,16 +89,18 @@ def comes_back(dm, c, i):
 
 @compiled
 def force_later(dm, c, i):
-    """Normal force at end i a moment after the state, which goes on at its rates; rates and forces are of that moment then.
+    """Return the normal force at end i a MOMENT later, when the state has gone on at its present rates.
 
-    A slip that would come to rest within the moment is followed half the way.
+    c.dy and c.F become those of that moment; c.y stays. A slip that would come to rest within the moment is followed
+    over half of the time to rest only.
     """
     y = c.y
     dip, w_b, w_p, spin, u_a, u_b, theta = y[Y.dip], y[Y.w_b], y[Y.w_p], y[Y.spin], y[Y.u_a], y[Y.u_b], y[Y.theta]
     t = min(MOMENT / dm.omega, 0.5 * coordinates.slip_limit(dm, c.modes, y, c.dy))
     for k in range(Y.time):
         y[k] += t * c.dy[k]
-    if u_a == 0.0 and u_b == 0.0:  # an end that sticks, or one that is asked of without friction
+    # an end that sticks, or whose force is judged without friction (`is_driven_in`): it is not to slip in between
+    if u_a == 0.0 and u_b == 0.0:
         y[Y.u_a], y[Y.u_b] = 0.0, 0.0
     contact_rates(dm, c.modes, c.phase + dm.omega * t, y, False, c.dy, c.F)
     y[Y.dip], y[Y.w_b], y[Y.w_p], y[Y.spin], y[Y.u_a], y[Y.u_b], y[Y.theta] = dip, w_b, w_p, spin, u_a, u_b, theta
@@ -98,7 +109,7 @@ def force_later(dm, c, i):
 
 @compiled
 def is_driven_in(dm, c, i):
-    """Whether end i, the leading one, would go into the plate without a contact force (friction vanishes at no slip)."""
+    """Return True if end i, the leading one, would move into the plate without a contact force and without slip."""
     modes, y = c.modes, c.y
     u_a, u_b = y[Y.u_a], y[Y.u_b]
     y[Y.u_a], y[Y.u_b] = 0.0, 0.0
@@ -112,7 +123,10 @@ def is_driven_in(dm, c, i):
 
 @compiled
 def double_mode(dm, c, lost):
-    """Friction modes with both ends on the plate, and the forces; c.y gets the slips that go with them."""
+    """Choose the friction modes of both ends on the plate; write the modes, their slips into c.y, and their forces.
+
+    `lost` says that friction has just ceased to hold an end at rest.
+    """
     modes, y = c.modes, c.y
     rest_1 = length(y[Y.u_a], y[Y.u_b]) <= c.slip_tol
     rest_2 = length(y[Y.u_a], y[Y.u_b] - apart_sideways(dm, y[Y.w_p], y[Y.spin])) <= c.slip_tol
@@ -133,24 +147,27 @@ def double_mode(dm, c, lost):
 
 @compiled
 def start_slips(dm, c):
-    """Both ends at rest and not both held: an end whose lateral hold is exceeded slips laterally, if the other one is held
-    then; else both slip.
+    """Let one end or both slip out of rest, where friction cannot hold both ends at rest.
 
-    Two ends whose axial hold is exceeded are at their limits, and each sets out against the force that held it. Its lateral
-    part is known, and its axial part is what the limit leaves; the axial slip of both is one.
+    An end whose lateral hold is exceeded slips laterally, if friction holds the other end then. Else both ends slip.
+
+    Two ends whose axial hold is exceeded are both at their limits, and each sets out against the force that held it.
+    The lateral part of that force is known, and its axial part is what the limit leaves. Both ends have one axial slip.
     """
     modes, F, small = c.modes, c.F, SINGLE_SPEED * c.slip_tol
     hold_1, hold_2 = dm.p1.mu_h, dm.p2.mu_h
-    # a loss is found to rounding: an end whose lateral hold has ended may come with a last rest of it
+    # the moment at which a hold ends is located to rounding only: a last rest of the lateral hold may be left
     rest = ROUNDED_HOLD * max(axial_left_of_pair(hold_1, F[F1], F[L1], hold_2, F[F2], F[L2], F[A1]), 0.0)
     over_1 = hold_left(hold_1, F[F1], 0.0, F[L1]) <= rest
     over_2 = hold_left(hold_2, F[F2], 0.0, F[L2]) <= rest
     if not over_1 and not over_2:
         modes[0], modes[1] = SLIP, SLIP
+        # minus: the slip sets out against the force that held the ends
         side = -copysign(1.0, F[A1])
         b_1, b_2 = -side * lateral_at_limit(hold_1, F[F1], F[L1]), -side * lateral_at_limit(hold_2, F[F2], F[L2])
         pair_onset(dm, c, side, b_1, b_2)
         return
+    # minus: against the lateral force that held
     b_1, b_2 = -copysign(small, F[L1]), -copysign(small, F[L2])
     if not over_1 or not over_2:
         modes[0], modes[1] = SLIP if over_1 else STICK, SLIP if over_2 else STICK
@@ -163,7 +180,7 @@ def start_slips(dm, c):
 
 @compiled
 def slip_together(dm, c, b_1, b_2):
-    """Both ends slip out of rest, near the direction of the accelerations which they have with the lateral slips b_1, b_2."""
+    """Let both ends slip out of rest, near the direction of the accelerations that lateral slips b_1, b_2 give them."""
     c.modes[0], c.modes[1] = SLIP, SLIP
     a, a_1, a_2 = slip_onset.rates_of_pair(dm, c, 0.0, b_1, b_2)
     if abs(a) > AT_LIMIT * max(abs(a_1), abs(a_2)):
@@ -172,14 +189,18 @@ def slip_together(dm, c, b_1, b_2):
 
 @compiled
 def start_beside(dm, c, i):
-    """End i begins to slip beside one that slips. Where that one hardly does, and would be turned back, both set out together
-    if neither can be held.
+    """Let end i begin to slip beside an end that slips already.
+
+    The new slip may turn back the slip of the other end, where that is hardly more than none. Then both ends set out
+    together, if friction can hold neither of them.
     """
     modes, y = c.modes, c.y
     u_a, u_b, w_p = y[Y.u_a], y[Y.u_b], y[Y.w_p]
     start_slip(dm, c, i)
     take_rates(dm, c)
     v, along, _ = coordinates.change_of_slip(dm, modes, y, c.dy, 1 - i)
+    # a pair sets out with PAIR_SPEED: a slip of up to twice that has hardly begun, and may begin anew with the other
+    # one
     if along >= 0.0 or v > 2.0 * slip_onset.PAIR_SPEED * c.slip_tol:
         return
     modes[0], modes[1] = STICK, STICK
@@ -196,9 +217,10 @@ def start_beside(dm, c, i):
 
 @compiled
 def start_slip(dm, c, i):
-    """End i, held by the forces, begins to slip, with the rates and forces that go with it; returns whether it can.
+    """Let end i, held by the forces in c.F until now, begin to slip; return False if it cannot.
 
-    At the limit slip may have no acceleration yet: it sets out against the force that held.
+    The rates and forces become those of the slip. At its limit a slip may have no acceleration yet: it sets out against
+    the force that held the end.
     """
     hold_a = c.F[A1] if c.modes[0] != FREE else c.F[A2]
     hold_b = c.F[L1] if i == 0 else c.F[L2]
@@ -212,7 +234,7 @@ def start_slip(dm, c, i):
 
 @compiled
 def lead_with(dm, c, i, slip):
-    """Have c.y hold the slip of end i, with both on the plate, where `slip` is that of p1 and theta' cos(beta)."""
+    """Make c.y hold the slip of end i, with both ends on the plate; `slip` is (u_a, u_b) of p1 and theta' cos(beta)."""
     u_a, u_b, w_p = slip
     c.y[Y.u_a], c.y[Y.w_p] = u_a, w_p
     c.y[Y.u_b] = u_b - i * apart_sideways(dm, w_p, c.y[Y.spin])
@@ -220,19 +242,20 @@ def lead_with(dm, c, i, slip):
 
 @compiled
 def contact_mode(dm, c, closed_1, closed_2, event):
-    """Which of the closed ends stay closed, and in which friction modes, into c.modes (c.y with p1 leading if it is closed);
-    returns CLOSED, SEPARATES or INCONSISTENT.
+    """Choose which of the closed ends stay closed and in which friction modes.
 
-    `event` is the number of what has just ended the last contact phase (`events`), NO_EVENT if nothing has: rounding may
-    leave a little of a hold that was lost, or of a force that has vanished.
+    The modes are written into c.modes. Return CLOSED, SEPARATES or INCONSISTENT. Before the call c.y has p1 as its
+    leading end if p1 is closed. `event` is the event that ended the last contact phase (`events`), NO_EVENT if there
+    was none. Rounding may leave a little of a hold that is exceeded, or of a force that has vanished.
 
-    With both ends on the plate the double contact is tried first, then each end alone where its force points outward. At a
-    negative compliance the double contact is no answer even where both forces point outward: the least difference between
-    the ends grows, and drives off the one with the greater force, or the one that nothing drives into the plate.
+    With both ends on the plate the double contact is tried first, then each end alone where its force points outward.
+    At a negative compliance the double contact does not fit, even where both forces point outward. The least difference
+    between the ends grows then, and drives off the end with the greater force, or the end that nothing drives into the
+    plate.
 
-    All modes are judged at the spin of the given state, so that the forces of each agree even near zero. A slip that the mode
-    found sets or takes away then comes about by impulses; one that is only rounding needs none, so that a run goes on from a
-    stored state to the same bits.
+    All modes are judged at the spin of the given state, so that their forces agree even near zero. A slip that the
+    chosen mode sets or takes away then comes about by impulses. A slip that is only rounding needs none, so that a run
+    goes on from a stored state to the same bits.
     """
     y = c.y
     u_b, w_p = y[Y.u_b], y[Y.w_p]
@@ -252,7 +275,7 @@ def contact_mode(dm, c, closed_1, closed_2, event):
 
 @compiled
 def mode_of_pair(dm, c, event):
-    """`contact_mode` with both ends on the plate."""
+    """Choose the modes of two ends on the plate, as `contact_mode` does; return CLOSED, SEPARATES or INCONSISTENT."""
     slip = c.y[Y.u_a], c.y[Y.u_b], c.y[Y.w_p]
     double_mode(dm, c, is_hold_lost(event))
     held = c.modes[0] == STICK and c.modes[1] == STICK
@@ -260,16 +283,19 @@ def mode_of_pair(dm, c, event):
     if on_1 and on_2 and is_lift_off(event) and not comes_back(dm, c, end_of(event)):
         on_1, on_2 = end_of(event) == 1, end_of(event) == 0
     stays = 0 if on_1 else 1
-    if c.F[COMPLIANCE] < 0.0:  # first: then the signs of both forces are turned round
+    # the compliance comes first: where it is negative, the signs of both forces are turned round
+    if c.F[COMPLIANCE] < 0.0:
         stays = 0 if c.F[F1] < c.F[F2] else 1
         stays = stays if is_driven_in(dm, c, stays) else 1 - stays
     elif on_1 and on_2:
         return CLOSED
-    elif not on_1 and not on_2 and is_driven_in(dm, c, 0):  # each alone: by what drives it, not by the forces of both
+    # each end alone is judged by what drives it, not by the forces of the double contact
+    elif not on_1 and not on_2 and is_driven_in(dm, c, 0):
         stays = 0
     answer = mode_of_one(dm, c, stays, slip)
     if held and answer == CLOSED and (1.0 - 2.0 * leading(c.modes)) * c.dy[Y.w_b] * dm.l < -NO_FORCE * dm.g:
-        # two could be held, but for the pull of one, which is driven in beside the other one alone: both slip
+        # friction can hold both ends, but the force at one of them pulls; beside the other end alone it is driven in:
+        # both slip
         lead_with(dm, c, 0, slip)
         slip_together(dm, c, 0.0, 0.0)
         take_rates(dm, c)
@@ -281,13 +307,16 @@ def mode_of_pair(dm, c, event):
 
 @compiled
 def mode_of_one(dm, c, stays, slip):
-    """`single_mode` of one of two ends on the plate, with the slip of `lead_with`: of the end that stays, or the other one.
+    """Choose the mode of one of two ends on the plate.
 
-    A hold that was lost was that of both.
+    It is that of end `stays`, or of the other end if nothing drives `stays` into the plate. `slip` is that of
+    `lead_with`. Return the result of `single_mode`. A hold that was exceeded was a hold of both ends: it says nothing
+    of one end alone.
     """
     lead_with(dm, c, stays, slip)
     answer = single_mode(dm, c, stays, False)
-    if answer == SEPARATES:  # friction at both ends may have driven off one that nothing drives off alone
+    # the friction of both ends may have driven off an end that nothing drives off where it is alone
+    if answer == SEPARATES:
         lead_with(dm, c, 1 - stays, slip)
         answer = single_mode(dm, c, 1 - stays, False)
     return answer

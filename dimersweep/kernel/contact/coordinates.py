@@ -1,10 +1,12 @@
-"""The state of a contact phase in two charts: by the heading of the rod, and by its axis where it stands so steeply that
-the heading turns too fast, or has no meaning.
+"""Write the state of a contact phase in two charts: by the heading of the rod, and upright.
 
-By heading the slip of the leading end (p1 if it is closed, else p2) stands in the state, so that slow slip keeps its relative
-precision and sticking is u = 0. Upright everything horizontal is measured along two fixed axes, those of the heading when the
-chart was entered: the axis k from p1 to p2 and chi = gamma +- theta stay regular at the vertical. Both have the slip in the
-same slots, and the same tolerances suit both.
+The upright chart goes by the axis of the rod. It is taken where the rod stands so steeply that the heading turns too
+fast, or has no meaning.
+
+By heading, the slip of the leading end (p1 if it is closed, else p2) stands in the state: a slow slip keeps its
+relative precision, and sticking is u = 0. Upright, everything horizontal is measured along two fixed axes, those of the
+heading when the chart was entered: the axis k from p1 to p2 and chi = gamma +- theta stay regular at the vertical. Both
+charts have the slip in the same slots, and the same tolerances suit both.
 """
 
 from math import inf, sqrt
@@ -24,7 +26,7 @@ N_Y = N_WORKED + 2
 
 
 class Slots(NamedTuple):
-    """What stands where in a contact state."""
+    """Places of the numbers in a contact state."""
 
     dip: int = 0  # above level
     w_b: int = 1  # beta'
@@ -37,10 +39,10 @@ class Slots(NamedTuple):
     x: int = 8  # x1, y1 and gamma; upright, the place along b and a, and chi
     y: int = 9
     gamma: int = 10
-    work: int = (
-        N_PATH  # the first of the works of the contact forces since the phase began, in the order of `model.works`
-    )
-    chart: int = N_WORKED  # BY_HEADING or UPRIGHT, and theta of the axes of that chart: the same throughout a phase
+    # the first of the works of the contact forces since the phase began, in the order of `model.works`
+    work: int = N_PATH
+    # BY_HEADING or UPRIGHT, and theta of the axes of that chart: the same throughout a phase
+    chart: int = N_WORKED
     axes: int = N_WORKED + 1
     k_a: int = 0  # upright, in place of the dip, the rates and theta
     dk_a: int = 1
@@ -50,19 +52,21 @@ class Slots(NamedTuple):
 
 Y = Slots()
 BY_HEADING, UPRIGHT = 0.0, 1.0
-STEEP = 1.47  # dip beyond which the upright chart is taken [rad]
-LEANS = 0.15  # cosine of the dip from which it is left
+# dip beyond which the upright chart is taken [rad]: its cosine is 0.10
+STEEP = 1.47
+# cosine of the dip from which the upright chart is left: more than that of STEEP, so that no state goes to and fro
+LEANS = 0.15
 
 
 @compiled
 def leading(modes):
-    """Number of the leading end: p1 if it is closed, else p2."""
+    """Return the number of the leading end: p1 if it is closed, else p2."""
     return 0 if modes[0] != FREE else 1
 
 
 @compiled
 def contact_state(dm, state, i, y):
-    """Contact state y from the kernel state, i the number of the leading end."""
+    """Write the contact state y of a kernel state, with i the number of the leading end; y is upright beyond STEEP."""
     p = end(dm, i)
     sin_b, cos_b = attitude(dm, state[DIP])
     lv = levers(p, sin_b, cos_b)
@@ -78,7 +82,7 @@ def contact_state(dm, state, i, y):
 
 @compiled
 def kernel_state(dm, modes, y, state):
-    """Kernel state from the contact state y: closed gaps and their rates are exactly zero."""
+    """Write the kernel state of the contact state y; the gaps and gap rates of closed ends are exactly zero."""
     p = end(dm, leading(modes))
     dip, w_b, w_p, u_a, u_b, theta, x, y_1, gamma = by_heading(dm, p.s, y)
     sin_b, cos_b = attitude(dm, dip)
@@ -96,7 +100,7 @@ def kernel_state(dm, modes, y, state):
 
 @compiled
 def slip_of(dm, modes, y, i):
-    """Axial and lateral slip of end i (0 or 1), which is closed."""
+    """Return the axial and the lateral slip of end i (0 or 1), which is closed; of rates y, the rates of the slip."""
     if i == 0 or modes[0] == FREE:
         return y[Y.u_a], y[Y.u_b]
     return y[Y.u_a], y[Y.u_b] - apart_sideways(dm, y[Y.w_p], y[Y.spin])
@@ -104,7 +108,7 @@ def slip_of(dm, modes, y, i):
 
 @compiled(inline=True)
 def change_of_slip(dm, modes, y, dy, i):
-    """Speed of the slip of end i; its rate along itself and across, both times that speed."""
+    """Return the speed of the slip of end i, and its rates along the slip and across it, both times that speed."""
     a, b = slip_of(dm, modes, y, i)
     d_a, d_b = slip_of(dm, modes, dy, i)
     return length(a, b), a * d_a + b * d_b, a * d_b - b * d_a
@@ -112,9 +116,9 @@ def change_of_slip(dm, modes, y, dy, i):
 
 @compiled
 def slip_speed(dm, modes, y, dy):
-    """Speed of the end that slips most slowly, and its rate; inf, 0.0 if none has a slip that turns.
+    """Return the speed of the end that slips most slowly, and the rate of that speed.
 
-    Beside an end that sticks the other one slips along a fixed line.
+    They are inf, 0.0 if no end has a slip that turns. Beside an end that sticks the other end slips along a fixed line.
     """
     least, rate = inf, 0.0
     if modes[0] == STICK or modes[1] == STICK:
@@ -129,7 +133,7 @@ def slip_speed(dm, modes, y, dy):
 
 @compiled
 def slip_limit(dm, modes, y, dy):
-    """Time over which no slip comes to rest at its present rate."""
+    """Return the time [s] over which no slip comes to rest at its present rate; inf if every slip grows."""
     h = inf
     for i in range(2):
         if modes[i] == SLIP:
@@ -143,7 +147,7 @@ def slip_limit(dm, modes, y, dy):
 def put_slip(dm, modes, y, i, a, b):
     """Write the slip (a, b) of end i, which is closed; the spin stays.
 
-    An end that sticks beside it does so still; of one that slips the lateral slip changes as it would by an impulse at end i.
+    If the other end sticks, it sticks still. If it slips, its lateral slip changes as it would by an impulse at end i.
     """
     if modes[0] == FREE or modes[1] == FREE:
         y[Y.u_a], y[Y.u_b] = a, b
@@ -159,16 +163,17 @@ def put_slip(dm, modes, y, i, a, b):
 
 @compiled
 def put_slips(dm, y, a, b_1, b_2):
-    """Write the slips of both ends, which are closed: the axial one a, the lateral ones b_1, b_2; the spin stays."""
+    """Write the slips of both closed ends, the axial slip a and the lateral slips b_1, b_2; the spin stays."""
     y[Y.u_a], y[Y.u_b], y[Y.w_p] = a, b_1, turn_of_pair(dm, b_1 - b_2, y[Y.spin])
 
 
 @compiled
 def give_impulses(dm, modes, y, u_b, w_p):
-    """Have the lateral slips that were put into y come about by impulses: the spin takes its part in them.
+    """Change the spin as impulses would that bring about the lateral slips just written into y.
 
-    So a rod that rolls fast gets no energy from a slip, however small, that is set or taken away. In the upright chart the
-    spin stays. The lateral slip of the leading end and theta' cos(beta) were u_b, w_p before.
+    So a rod that rolls fast gets no energy from a slip, however small, that is set or taken away. In the upright chart
+    the spin stays. u_b and w_p are the lateral slip of the leading end and theta' cos(beta) before the slips were
+    written.
     """
     b = y[Y.u_b]
     if modes[0] != FREE and modes[1] != FREE:
@@ -189,7 +194,7 @@ def give_impulses(dm, modes, y, u_b, w_p):
 
 @compiled
 def set_slip(dm, modes, y, i, a, b):
-    """Give end i, which is closed, the slip (a, b), across the axis by an impulse there."""
+    """Set the slip (a, b) of end i, which is closed; its lateral part comes about by an impulse there."""
     u_b, w_p = y[Y.u_b], y[Y.w_p]
     put_slip(dm, modes, y, i, a, b)
     give_impulses(dm, modes, y, u_b, w_p)
@@ -197,8 +202,10 @@ def set_slip(dm, modes, y, i, a, b):
 
 @compiled
 def axis(s, y):
-    """In the upright chart: vertical component of the axis k and of its rate, cos(beta), and the components of the heading
-    along the axes a, b of the chart (zero turn at the vertical).
+    """Return five numbers of the rod in the upright chart.
+
+    These are the vertical component of the axis k and of its rate, cos(beta), and the components of the heading along
+    the axes a, b of the chart. At the vertical the heading is that of the chart.
     """
     cos_b = length(y[Y.k_a], y[Y.k_b])
     k_n = -s * sqrt(max(0.0, 1.0 - cos_b * cos_b))
@@ -208,9 +215,10 @@ def axis(s, y):
 
 @compiled
 def by_heading(dm, s, y):
-    """The dip above level, beta', theta' cos(beta), u_a, u_b, theta, x1, y1, gamma of a contact state in either chart.
+    """Return nine numbers by heading of a contact state in either chart.
 
-    Whole turns of theta about the vertical are not counted in the upright chart.
+    These are the dip above level, beta', theta' cos(beta), u_a, u_b, theta, x1, y1 and gamma. In the upright chart
+    whole turns of theta about the vertical are not counted.
     """
     if y[Y.chart] == BY_HEADING:
         return y[Y.dip], y[Y.w_b], y[Y.w_p], y[Y.u_a], y[Y.u_b], y[Y.theta], y[Y.x], y[Y.y], y[Y.gamma]
@@ -228,7 +236,7 @@ def by_heading(dm, s, y):
 
 @compiled
 def change_chart(dm, s, y):
-    """Write a contact state in the other chart, in place."""
+    """Rewrite a contact state in the other chart, in place."""
     dip, w_b, w_p, u_a, u_b, theta, x, y_1, gamma = by_heading(dm, s, y)
     y[Y.u_a], y[Y.u_b] = u_a, u_b
     if y[Y.chart] == UPRIGHT:
@@ -246,7 +254,7 @@ def change_chart(dm, s, y):
 
 @compiled
 def to_border(dm, y):
-    """Positive while a contact state is well described in its chart."""
+    """Return a distance to the border of the chart: positive while the chart describes the contact state well."""
     if y[Y.chart] == BY_HEADING:
         return STEEP - abs(dm.beta_0 + y[Y.dip])
     return LEANS * LEANS - (y[Y.k_a] * y[Y.k_a] + y[Y.k_b] * y[Y.k_b])
@@ -254,5 +262,5 @@ def to_border(dm, y):
 
 @compiled
 def same_chart(y, other):
-    """Mark a state as one in the chart of y."""
+    """Mark the contact state `other` as a state in the chart of y."""
     other[Y.chart], other[Y.axes] = y[Y.chart], y[Y.axes]

@@ -1,10 +1,11 @@
-"""Sustained contact: the forces that keep closed ends closed, and the rates they give (the state: ``coordinates``).
+"""Compute the forces that keep closed ends closed in sustained contact, and the rates that they give.
 
-These are the accelerations of (2), written for the contact point and the spin. The normal forces are those with which (1),
-differentiated once more, gives no acceleration of the gap: (3) at an end that stays closed. The tangential ones follow from
-(4): a slipping end has the friction of its direction, and one that sticks that with which its tangential acceleration is zero.
+The contact state is that of `coordinates`. The rates are the accelerations of (2), written for the contact point and
+the spin. The normal forces are those with which (1), differentiated once more, gives no acceleration of the gap: (3) at
+an end that stays closed. The tangential forces follow from (4): a slipping end has the friction of its direction, and a
+sticking end the friction with which its tangential acceleration is zero.
 
-Their powers are the rates of the works that ride along where they are wanted.
+The powers of the forces are the rates of their works, which are integrated with the state where they are wanted.
 """
 
 from typing import Any, NamedTuple
@@ -21,14 +22,15 @@ from dimersweep.kernel.model.works import ALONG, PLATE_1, PLATE_2, SLIP_1
 from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.sincos import sincos
 
-# forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial ones);
-# and its compliance (``friction``), at a double contact that to the difference of the normal forces
+# forces of a contact: normal, axial, lateral of p1, then of p2 (at a double contact A1 holds the sum of the axial
+# forces); and the compliance of the contact (``friction``), at a double contact the compliance to the difference of the
+# normal forces
 F1, A1, L1, F2, A2, L2, COMPLIANCE = range(7)
 N_F = 7
 
 
 class Contact(NamedTuple):
-    """Ends that touch the plate at a moment: how they rest there, and what follows. All arrays are modified in place."""
+    """Ends that touch the plate at a moment: their modes, state, rates and forces. All arrays are modified in place."""
 
     modes: Any  # friction modes of the ends, shape (2,)
     phase: float  # of the plate [rad]
@@ -39,7 +41,7 @@ class Contact(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """A contact state within a phase, its rates, and the forces."""
+    """Contact state within a phase, its rates, and the forces."""
 
     y: Row
     dy: Row
@@ -47,7 +49,7 @@ class Moment(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """What pulls at the body relative to the plate, down and along its heading and across it [m s-2]."""
+    """Acceleration that pulls the body relative to the plate: down, along its heading and across it [m s-2]."""
 
     down: float
     a: float
@@ -55,7 +57,7 @@ class Pull(NamedTuple):
 
 
 class Rod(NamedTuple):
-    """How the dimer lies and moves in contact, by its heading."""
+    """Attitude, rates and slip of the dimer in contact, by heading."""
 
     sin_b: float
     cos_b: float
@@ -69,13 +71,13 @@ class Rod(NamedTuple):
 
 @compiled(inline=True)
 def rod_of(y, sin_b, cos_b):
-    """The dimer in a contact state by heading, at a dip angle."""
+    """Return the rod of a contact state by heading; sine and cosine of its dip angle are passed on."""
     return Rod(sin_b, cos_b, y[Y.w_b], y[Y.w_p], y[Y.spin], y[Y.u_a], y[Y.u_b], y[Y.theta])
 
 
 @compiled(inline=True)
 def pull_at(dm, phase, theta):
-    """What pulls at the body at a phase of the plate and a heading."""
+    """Return the pull at the body at a phase of the plate [rad] and a heading theta [rad]."""
     a, b = acceleration_along(dm, phase, theta) if dm.sideways != 0.0 else (0.0, 0.0)
     return Pull(effective_gravity(dm, phase), a, b)
 
@@ -85,9 +87,10 @@ def pull_at(dm, phase, theta):
 
 @compiled(inline=True, fuse=True)
 def free_rates(dm, p, rod, pull):
-    """Rates by (2) without contact forces, h + Q of (A.5) and (A.6), over the plate.
+    """Return the rates by (2) without contact forces, h + Q of (A.5) and (A.6), relative to the plate.
 
-    They are those of (beta', theta' cos(beta)), and of the (n, a, b) velocities of the leading end p: (1) differentiated.
+    They are those of beta' and theta' cos(beta), and of the (n, a, b) velocities of the leading end p: (1)
+    differentiated.
     """
     sin_b, cos_b, w_b, w_p, spin, u_a, u_b, _ = rod
     lv = levers(p, sin_b, cos_b)
@@ -105,18 +108,20 @@ def free_rates(dm, p, rod, pull):
 
 @compiled
 def double_forces(dm, modes, y, free, F):
-    """Forces at both ends into F, the axial ones as their sum in F[A1], from the rates without them.
+    """Write the forces at both ends into F, from the rates without contact forces.
 
-    `free` are the gap rates of p1 and p2, and the axial and the lateral rate of both.
+    F[A1] holds the sum of the axial forces. `free` holds the rates of the gap rates of p1 and p2, of the axial velocity
+    and of the lateral velocity of both ends.
 
-    No end is to move off the plate or into it: with (2) and (1) two equations for the normal forces, in which the axial
-    friction of (4), A = A_0 + A_1 F_1 + A_2 F_2, takes part.
+    No end is to move off the plate or into it: (2) and (1) give two equations for the normal forces. The axial friction
+    of (4), A = A_0 + A_1 F_1 + A_2 F_2, takes part in them.
     """
     w, n_1, n_2, a, b = dm.pair, dm.m * free[0], dm.m * free[1], dm.m * free[2], dm.m * free[3]
     slip_1, slip_2 = slip_of(dm, modes, y, 0), slip_of(dm, modes, y, 1)
     (c_1, s_1), (c_2, s_2) = direction(*slip_1), direction(*slip_2)
     mu_1, mu_2 = slip_mu(dm.p1, length(*slip_1)), slip_mu(dm.p2, length(*slip_2))
     if modes[0] == STICK or modes[1] == STICK:
+        # an end that sticks has no axial acceleration, and both ends share theirs
         A_0, A_1, A_2 = -a / w.aa, -w.na_1 / w.aa, -w.na_2 / w.aa
     else:
         A_0, A_1, A_2 = 0.0, -mu_1 * c_1, -mu_2 * c_2
@@ -140,7 +145,7 @@ def double_forces(dm, modes, y, free, F):
 
 @compiled
 def double_rates(dm, modes, pull, y, path, dy, F):
-    """Rates of the contact of both ends into dy, and the forces into F."""
+    """Write the rates of a contact of both ends into dy, and its forces into F."""
     (p, q), w, rod = level_levers(dm), dm.pair, rod_of(y, dm.sin_0, dm.cos_0)
     d_wb, _, n_1, a, b = free_rates(dm, dm.p1, rod, pull)
     double_forces(dm, modes, y, (n_1, n_1 + dm.l * dm.cos_0 * d_wb, a, b), F)
@@ -175,7 +180,7 @@ class Single(NamedTuple):
 
 @compiled(inline=True, fuse=True)
 def single_rates(dm, mode, p, rod, pull):
-    """Rates and forces of the contact of one end (p, friction mode)."""
+    """Return the rates and forces of the contact of one end p with its friction mode."""
     d_wb, d_wp, n, a, b = free_rates(dm, p, rod, pull)
     lv = levers(p, rod.sin_b, rod.cos_b)
     mu, w = slip_mu(p, length(rod.u_a, rod.u_b)), delassus(dm, lv, lv)
@@ -187,7 +192,7 @@ def single_rates(dm, mode, p, rod, pull):
 
 @compiled(inline=True)
 def put_forces(i, normal, axial, lateral, compliance, F):
-    """The forces of the contact of end i alone into F."""
+    """Write the forces and the compliance of the contact of end i alone into F; those of the other end are zero."""
     for k in range(N_F):
         F[k] = 0.0
     F[F1 + 3 * i], F[A1 + 3 * i], F[L1 + 3 * i], F[COMPLIANCE] = normal, axial, lateral, compliance
@@ -195,7 +200,7 @@ def put_forces(i, normal, axial, lateral, compliance, F):
 
 @compiled(inline=True)
 def path_rates(dm, p, rod):
-    """Rates of x1, y1 and gamma, with the end p the leading one."""
+    """Return the rates of x1, y1 and gamma; p is the leading end."""
     sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta = rod
     away = p.h - dm.p1.h  # from the centre of p1
     v_a = u_a - (p.r - away * sin_b) * w_b
@@ -209,10 +214,10 @@ def path_rates(dm, p, rod):
 
 @compiled
 def contact_rates(dm, modes, phase, y, path, dy, F):
-    """Time derivative of y in a contact phase into dy, and the contact forces into F: (2) with (3) and (4).
+    """Write the time derivative of y in a contact phase into dy, and the contact forces into F: (2) with (3) and (4).
 
-    In the upright chart the friction is along the axes of the chart. `path` says whether the rates of x1, y1 and gamma are
-    wanted; all else is as in `Contact`.
+    In the upright chart the friction is along the axes of the chart. `path` is True if the rates of x1, y1 and gamma
+    are wanted; the other arguments are those of `Contact`.
     """
     pull = pull_at(dm, phase, y[Y.axes] if y[Y.chart] == UPRIGHT else y[Y.theta])
     if modes[0] != FREE and modes[1] != FREE:
@@ -234,13 +239,13 @@ def contact_rates(dm, modes, phase, y, path, dy, F):
 
 @compiled
 def take_rates(dm, c):
-    """The rates and forces of a contact as it is."""
+    """Write the rates and forces of a contact at its present modes, phase and state."""
     contact_rates(dm, c.modes, c.phase, c.y, False, c.dy, c.F)
 
 
 @compiled(inline=True)
 def phase_rates(p, phase, at):
-    """The rates and forces at a moment of a contact phase, and the powers where works are wanted."""
+    """Write the rates and forces at a moment of a contact phase, and the powers where works are wanted."""
     contact_rates(p.dm, p.modes, phase, at.y, p.n > N_CLOSED, at.dy, at.F)
     if p.n > N_PATH:
         work_rates(p.dm, p.modes, phase, at.y, at.F, at.dy)
@@ -248,7 +253,7 @@ def phase_rates(p, phase, at):
 
 @compiled
 def work_rates(dm, modes, phase, y, F, dy):
-    """Powers of the forces F at a contact state, into the places of the works in dy [W]."""
+    """Write the powers of the forces F at a contact state into the places of the works in dy [W]."""
     rise = plate_rate(dm, phase)
     dy[Y.work + PLATE_1], dy[Y.work + PLATE_2], dy[Y.work + ALONG] = F[F1] * rise, F[F2] * rise, 0.0
     if dm.sideways != 0.0:
@@ -262,14 +267,18 @@ def work_rates(dm, modes, phase, y, F, dy):
         if modes[i] == SLIP:
             a, b = slip_of(dm, modes, y, i)
             axial = F[A1 + 3 * i]
-            if both_slip:  # F has the sum of the axial forces
+            # F has the sum of the axial forces; the slip of each end gives its own part
+            if both_slip:
                 axial, _ = slip_force(slip_mu(end(dm, i), length(a, b)), F[F1 + 3 * i], *direction(a, b))
             dy[Y.work + SLIP_1 + i] = axial * a + F[L1 + 3 * i] * b
 
 
 @compiled
 def hold_reserve(dm, modes, i, F):
-    """How far the friction that holds end i is from its limit [N]; of two held ends only the sum of the axial parts counts."""
+    """Return how far the friction that holds end i is from its limit [N]; negative beyond it.
+
+    Of two held ends only the sum of the axial parts counts.
+    """
     if modes[0] == STICK and modes[1] == STICK:
         return hold_left_of_pair(dm.p1.mu_h, F[F1], F[L1], dm.p2.mu_h, F[F2], F[L2], F[A1])
     k = 3 * i

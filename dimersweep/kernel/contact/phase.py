@@ -1,4 +1,4 @@
-"""A phase of sustained contact from its start to its first event: its steps, and what ends it."""
+"""Follow a phase of sustained contact from its start to its first event, step by step."""
 
 from math import inf, sqrt
 
@@ -25,33 +25,47 @@ from dimersweep.kernel.numerics.meter import is_over
 from dimersweep.kernel.numerics.root_bracket import UNSOUND
 from dimersweep.kernel.numerics.steps import copy, step_factor
 
-MAX_PHASE_STEPS = 200000  # of a phase in one chart: the bound on the work of a run comes first, as a rule
+# steps of a phase in one chart: the bound on the work of a run comes first, as a rule
+MAX_PHASE_STEPS = 200000
 MAX_CHARTS = 20000  # changes of the chart in a phase
-# step, in forcing periods, below which the contact force grows beyond all bounds, and in which no event hides
+# step, in forcing periods, below which the contact force counts as growing beyond all bounds, and in which no event
+# hides: a hundred units of round-off of the phase
 LEAST_STEP = 1e-14
-PLAIN_LEAST_TURN = 0.02  # time in which the slip turns, in forcing periods, below which the plain method is left
-FALLING = 0.15  # rate of slip, in units of -gamma, from which the rescaled method takes it
-# rate at which the compliance falls, in units of itself and of gamma / v, that calls for the rescaled method
+# time in which the slip turns, in forcing periods, below which the plain method is left: its steps would be short
+PLAIN_LEAST_TURN = 0.02
+# rate at which a slip decreases, in units of gamma, from which on the rescaled method follows it
+FALLING = 0.15
+# rate at which the compliance falls, in units of itself times gamma / v, from which on the rescaled method is taken
 SOON = 0.1
-BRAKED = 1e3  # braking of the turn of a spinning dimer, per forcing period, from which it is stiff
-PHASE_TURNS = 7.0  # of a slip, that an explicit step may span: what the method bears
+# rate at which friction brakes the turn of a spinning dimer, per forcing period, from which on this is stiff
+BRAKED = 1e3
+# turns of a slip (gamma / v times the step) that an explicit step may span: what the method bears before it is unstable
+PHASE_TURNS = 7.0
 LONGEST_STEP = 0.25  # longest step, in forcing periods
-# first steps, in forcing periods and in xi, over the tolerance to the power of 1/8
+# first steps, in forcing periods and in xi, over the tolerance to the power of 1/8 (errors go with the eighth power of
+# a step)
 FIRST_PHASE_STEP, FIRST_RESCALED = 1.6, 15.0
-# slip, in units of the one that counts as none, whose direction is only known as well as the tolerance
+# slip, in units of the slip that counts as none, below which the direction is no better known than the tolerance
 UNSURE_SLIP = 10.0
-HALTING = 1.4  # step over the time to rest of a slip that turns, over the tolerance to the power of 1/16: as measured
-SLIDING = 0.65  # the same of an implicit step: as measured
-RISE = 3.0  # of the step from one to the next, at most, by the rescaled and the implicit method
-PAST_LANDING = 1.02  # how far past a landing in sight a step goes
+# explicit step over the time in which a turning slip comes to rest, over the tolerance to the power of 1/16: as
+# measured
+HALTING = 1.4
+# implicit step over the time in which a slip comes to rest: as measured
+SLIDING = 0.65
+# factor from a step to the next, at most, by the rescaled and the implicit method
+RISE = 3.0
+# step over the time of a landing in sight: slightly past the landing, so that the step brackets it
+PAST_LANDING = 1.02
 
 
 @compiled
 def sustain_contact(dm, c, span, until, path, tol, work):
-    """Integrate a phase of sustained contact, c.y in place, to its first event, or `until` a time [s]; see `Phase`.
+    """Integrate a phase of sustained contact to its first event, or until a time [s]; c.y is modified in place.
 
-    `path` says whether x1, y1 and gamma are wanted; they are where works are. Returns the time integrated [s], and the number
-    of the event (JAM also where no step is short enough), NO_EVENT if the time has come, or OUT_OF_STEPS, also if the meter is.
+    `span` is the time that the steps are chosen for, `until` the time to stop at (see `Phase`). `path` is True if x1,
+    y1 and gamma are wanted; they are integrated where works are wanted, too. Return the time integrated [s] and the
+    number of the event. It is JAM also where no step is short enough, NO_EVENT if the time is over, and OUT_OF_STEPS
+    where steps or meter are at their bound.
     """
     b, control, bracket = work.step[0], work.control[0], work.bracket[0]
     t, n = 0.0, N_PATH if path else N_CLOSED
@@ -71,9 +85,9 @@ def sustain_contact(dm, c, span, until, path, tol, work):
 
 @compiled
 def sustain_in_chart(p, y):
-    """The contact phase from y to its first event, LEAVES_CHART among them, which is returned.
+    """Follow the contact phase from y to its first event, and return the event; LEAVES_CHART is one of them.
 
-    It begins with the rates there, the event functions that are positive, and first guesses of the steps.
+    The phase begins with the rates at y, the event functions that are positive there, and first guesses of the steps.
     """
     b, c = p.b, p.control
     step_control.begin_at(p, y)
@@ -87,7 +101,8 @@ def sustain_in_chart(p, y):
     c.cut, c.time, c.natural = False, 0.0, natural
     c.h, c.xi = FIRST_PHASE_STEP * natural * p.dm.period, FIRST_RESCALED * natural
     if without_force(p) >= 0:
-        c.h = MOMENT / motion_rate(p.dm, b.start.y)  # the time after which the force was found to press
+        # the time after which the force was found to press: the first step is to see the force rise
+        c.h = MOMENT / motion_rate(p.dm, b.start.y)
     if b.start.F[COMPLIANCE] <= 0.0:
         return JAM
     for _ in range(MAX_PHASE_STEPS):
@@ -101,7 +116,7 @@ def sustain_in_chart(p, y):
 
 @compiled
 def step_on(p):
-    """Take one step, or find that it has to be shorter; returns the event that ends the phase, or GOES_ON."""
+    """Take one step, or shorten it; return the event that ends the phase, or GOES_ON."""
     b, c, start, out = p.b, p.control, p.b.start, p.b.out
     if c.time >= p.until:
         return events.NO_EVENT
@@ -113,7 +128,8 @@ def step_on(p):
     if event != GOES_ON:
         return event
     choose_step(p)
-    if c.cut:  # no event comes so early
+    # a full step over this time held no event: the cut one needs no look for events
+    if c.cut:
         c.method, c.size = PLAIN_METHOD if c.method == PLAIN_METHOD else IMPLICIT, p.until - c.time
     error = step_control.step_to(p, c.now, c.size)
     factor = step_factor(error)
@@ -136,11 +152,12 @@ def step_on(p):
 
 @compiled
 def slip_about_to_end(p, span):
-    """Number of a slipping end that comes to rest along a straight line within a brief time, at most `span`; -1 if none does.
+    """Return the number of a slipping end that comes to rest along a straight line soon, -1 if none does.
 
-    Its slip and the change of its slip must be parallel to the tolerance; within a tolerance of rest slowing down will do.
-    Brief is a time over which a straight line is as good as the tolerance: its error is quadratic. A slip that takes longer
-    is followed by steps, however slow it is: they look for what else happens meanwhile, such as a lift-off.
+    The time is brief, and at most `span`. The slip and the change of the slip must be parallel to within the tolerance;
+    within a tolerance of rest it is enough that the slip decreases. Brief is a time over which a straight line is as
+    good as the tolerance: the error of the line is quadratic. A slip that takes longer is followed by steps, however
+    slow it is: the steps look for what else happens meanwhile, such as a lift-off.
     """
     dm, y = p.dm, p.b.start.y
     brief = min(span, 0.6 * sqrt(p.tol) / motion_rate(dm, y))
@@ -156,9 +173,10 @@ def slip_about_to_end(p, span):
 
 @compiled
 def end_slip_on_line(p):
-    """Carry a slip that is about to end along a straight line to its end; returns that event, or GOES_ON."""
+    """Follow a slip that is about to end along a straight line to its end; return that event, or GOES_ON."""
     c, y, dy = p.control, p.b.start.y, p.b.start.dy
-    sets_out = c.time == 0.0 and c.speed <= p.slip_tol  # its mode was chosen: rounding has no say in its rate
+    # a slip that sets out had its mode chosen: the sign of its rate, which may be rounding, does not end it at once
+    sets_out = c.time == 0.0 and c.speed <= p.slip_tol
     if sets_out or not c.speed < PLAIN_LEAST_TURN * p.dm.period * c.stiffness:
         return GOES_ON
     i = slip_about_to_end(p, min(landing_in_sight(p) / PAST_LANDING, p.span - c.time))
@@ -172,7 +190,8 @@ def end_slip_on_line(p):
         t = p.until - c.time
     if p.n > N_PATH:
         works_to_slip_end(p, t)
-    y[Y.dip] += 0.5 * t * t * dy[Y.w_b]  # at its present acceleration, or the smallest hops would gain energy
+    # the dip goes on at its present acceleration: to first order alone the smallest hops would gain energy
+    y[Y.dip] += 0.5 * t * t * dy[Y.w_b]
     for k in range(min(p.n, N_PATH)):
         y[k] += t * dy[k]
     c.time += t
@@ -188,16 +207,19 @@ def choose_step(p):
     dm, start, c = p.dm, p.b.start, p.control
     v, gamma, left = c.speed, c.stiffness, p.span - c.time
     method = method_for(p)
-    unsure = c.time == 0.0 and without_force(p) >= 0  # that step is brief, as c.h says and c.xi does not
+    # the first step from no force is to be brief: c.h is (see `sustain_in_chart`), c.xi is not
+    unsure = c.time == 0.0 and without_force(p) >= 0
     if method == RESCALED and (unsure or 2.0 * c.xi * v / gamma > left):
         method = IMPLICIT
     h = min(c.h, LONGEST_STEP * dm.period)
-    if c.time == 0.0 and method == IMPLICIT:  # a slip that sets out has its direction to find
+    # a slip that sets out has to find its direction: half of the usual first step
+    if c.time == 0.0 and method == IMPLICIT:
         h = min(h, 0.5 * FIRST_PHASE_STEP * c.natural * dm.period)
     if method != RESCALED:
         slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c.natural)))
         h = min(h, min(slowing * coordinates.slip_limit(dm, p.modes, start.y, start.dy), landing_in_sight(p)))
-    if method == PLAIN_METHOD and gamma > 0.0:  # within the step the force may rise: half the weight at least counts
+    # within the step the force may rise: at least half the weight counts
+    if method == PLAIN_METHOD and gamma > 0.0:
         h = min(h, PHASE_TURNS * v / max(gamma, stiffness(p, 0.5 * dm.m * dm.g)))
     last = method != RESCALED and h >= left * (1.0 - 1e-12)
     if last:
@@ -207,22 +229,23 @@ def choose_step(p):
 
 @compiled
 def method_for(p):
-    """The method that suits the slip as it changes, and as it may jam soon.
+    """Return the method that suits the slip as it changes, and as it may jam soon.
 
-    A fast spin loads one of two slipping ends by J_a spin theta' / l, and what it rubs then brakes theta' at the rate
-    mu spin J_a / J_t, which may be stiff.
+    A fast spin loads one of two slipping ends by J_a spin theta' / l. The friction under this load then brakes theta'
+    at the rate mu spin J_a / J_t, which may be stiff.
     """
     dm, v, gamma, braked = p.dm, p.control.speed, p.control.stiffness, 0.0
     if p.modes[0] == SLIP and p.modes[1] == SLIP:
         braked = max(dm.p1.mu, dm.p2.mu) * abs(p.b.start.y[Y.spin]) * dm.J_a * dm.it
-    if v >= PLAIN_LEAST_TURN * dm.period * gamma:  # the slip turns slowly, or has no direction to turn (v is inf)
+    # the slip turns slowly, or has no direction to turn (v is inf)
+    if v >= PLAIN_LEAST_TURN * dm.period * gamma:
         return IMPLICIT if braked * dm.period > BRAKED else PLAIN_METHOD
     return RESCALED if jams_soon(p) or (p.control.speed_rate < -FALLING * gamma and braked * v < gamma) else IMPLICIT
 
 
 @compiled
 def jams_soon(p):
-    """Whether the compliance falls to zero as fast as the slip turns."""
+    """Return True if the compliance falls to zero as fast as the slip turns."""
     start, probe, v = p.b.start, p.b.probe, p.control.speed
     if start.F[COMPLIANCE] > TIGHT or not 0.0 < v < inf:
         return False
@@ -235,13 +258,14 @@ def jams_soon(p):
 
 @compiled
 def landing_in_sight(p):
-    """Time after which the open end has landed at its present acceleration, and a little more; inf if it does not."""
+    """Return the time [s] in which the open end lands at its present acceleration, times PAST_LANDING; inf if never."""
     modes, y = p.modes, p.b.start.y
     sign = 1.0 if modes[0] != FREE else -1.0
     gap, rate, fall = sign * y[Y.dip], sign * y[Y.w_b], sign * p.b.start.dy[Y.w_b]
     if (modes[0] != FREE and modes[1] != FREE) or y[Y.chart] == coordinates.UPRIGHT or gap < 0.0:
         return inf
-    if gap == 0.0:  # it has just left: a step within its hop
+    # an end that has just left: the step is half of its hop at constant acceleration, 2 rate / -fall
+    if gap == 0.0:
         return -rate / fall if rate > 0.0 and fall < 0.0 else inf
     disc = rate * rate - 2.0 * fall * gap
     if disc < 0.0 or (rate >= 0.0 and fall >= 0.0):
@@ -251,7 +275,7 @@ def landing_in_sight(p):
 
 @compiled
 def shorten(p, factor):
-    """Shorten the next step; returns JAM if no step is short enough, else GOES_ON."""
+    """Shorten the next step by a factor; return JAM if no step is short enough, else GOES_ON."""
     c = p.control
     if c.method == RESCALED:
         c.xi *= factor
@@ -264,7 +288,7 @@ def shorten(p, factor):
 
 @compiled
 def may_hide_event(p, least, event):
-    """Whether the step is to be taken again, shorter, because an event may hide in it."""
+    """Return True if the step is to be taken again, shorter, because an event may hide in it."""
     c, part = p.control, 1.0
     if c.method == RESCALED:
         return False
@@ -278,7 +302,10 @@ def may_hide_event(p, least, event):
 
 @compiled
 def stop_at_event(p, least, event):
-    """Go to the first event in the step, and return it; GOES_ON if the step is to be taken again, or a slip only turns."""
+    """Go to the first event in the step, and return it.
+
+    Return GOES_ON if the step is to be taken again, or if a slip only turns by a right angle.
+    """
     b, c, y = p.b, p.control, p.b.start.y
     event = events.first_crossing(p, event, least)
     if event == UNSOUND:
@@ -297,14 +324,15 @@ def stop_at_event(p, least, event):
     if length(*slip_of(p.dm, p.modes, y, events.end_of(event))) <= 4.0 * p.slip_tol:
         set_slip(p.dm, p.modes, y, events.end_of(event), 0.0, 0.0)
         return event
-    c.h, c.xi = 0.5 * c.h, 0.5 * c.xi  # the slip has only turned by a right angle
+    # the slip has only turned by a right angle within the step: shorter steps follow its turn
+    c.h, c.xi = 0.5 * c.h, 0.5 * c.xi
     least_value(p, b.start, b.values[0])
     return GOES_ON
 
 
 @compiled
 def end_cut_step(p, error):
-    """End the phase with a step to the time that it is wanted until; GOES_ON if that takes more steps."""
+    """End the phase with a step to the time `until`; return GOES_ON if that takes more than one step."""
     c = p.control
     if error <= 1.0:
         go_to_end(p)
@@ -316,7 +344,7 @@ def end_cut_step(p, error):
 
 @compiled
 def go_to_end(p):
-    """Make the end of the step that of the phase so far."""
+    """Make the end of the step the state of the phase."""
     start, out = p.b.start, p.b.out
     if p.n > N_PATH:
         settle_works(p)
@@ -327,7 +355,7 @@ def go_to_end(p):
 
 @compiled
 def accept_step(p, factor):
-    """Go to the end of the step, and guess the size of the next one; returns a lift-off there, or GOES_ON."""
+    """Go to the end of the step, and guess the size of the next one; return a lift-off there, or GOES_ON."""
     b, c, dt = p.b, p.control, p.b.out.y[Y.time]
     go_to_end(p)
     c.time = p.span if c.last else c.time + dt
@@ -345,7 +373,7 @@ def accept_step(p, factor):
 
 @compiled
 def without_force(p):
-    """Number of a closed end whose force does not press, -1 if there is none."""
+    """Return the number of a closed end whose normal force does not press, -1 if there is none."""
     for i in range(2):
         if p.modes[i] != FREE and p.b.start.F[F1 + 3 * i] <= 0.0:
             return i

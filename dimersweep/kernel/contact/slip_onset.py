@@ -1,4 +1,4 @@
-"""Slip that sets out from rest: the direction in (4) is that of the acceleration which the contact then has."""
+"""Find how slip sets out from rest: its direction in (4) is that of the acceleration which the contact then has."""
 
 from math import copysign, pi
 
@@ -9,20 +9,24 @@ from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.root_bracket import MAX_NEWTON
 from dimersweep.kernel.numerics.sincos import sincos
 
-ONSET_DIRECTIONS = 48  # directions looked at for a change of sign
-SLANT = 1e-7  # change of direction in a finite difference [rad]
-# the same of two ends, over the tangent: coarse enough for the smallest slips, whose last digits are rounded
+# directions in which a change of sign is looked for
+ONSET_DIRECTIONS = 48
+# change of direction in a finite difference [rad]: about the root of round-off, where its two errors are alike
+SLANT = 1e-7
+# the same for two ends, over the tangent: coarse enough for the smallest slips, whose last digits are rounded
 PAIR_SLANT = 1e-4
-PAIR_KNOWN = 1e-6  # change of the directions of two ends, over the tangent, that ends Newton's rule
-# slips with which one end and two set out, in units of the one that counts as none: steps resolve that of two, and its
-# direction bears rounding
+# change of the directions of two ends, over the tangent, that ends Newton's rule
+PAIR_KNOWN = 1e-6
+# slips with which one end and two ends set out, in units of the slip that counts as none. The slip of two ends has to
+# be larger: steps resolve it, and its direction bears rounding
 SINGLE_SPEED, PAIR_SPEED = 0.5, 10.0
-PAIR_TURNS, PAIR_TURN = 100, 0.1  # steps in which two slips turn with their accelerations, and the size of one
+# number of steps in which two slips turn with their accelerations, and the size of a step in units of the slips
+PAIR_TURNS, PAIR_TURN = 100, 0.1
 
 
 @compiled
 def rates_of_slip(dm, c, i, a, b):
-    """Rates of the slip of end i, axial and lateral, once that is (a, b)."""
+    """Return the axial and the lateral rate of the slip of end i after that slip is set to (a, b)."""
     put_slip(dm, c.modes, c.y, i, a, b)
     take_rates(dm, c)
     return slip_of(dm, c.modes, c.dy, i)
@@ -30,7 +34,7 @@ def rates_of_slip(dm, c, i, a, b):
 
 @compiled
 def set_out(dm, c, i, phi):
-    """Acceleration of the slip of end i across and along the direction phi, once it slips there."""
+    """Return the acceleration of the slip of end i across and along the direction phi [rad], once it slips that way."""
     (sin_phi, cos_phi), v = sincos(phi), SINGLE_SPEED * c.slip_tol
     a, b = rates_of_slip(dm, c, i, v * cos_phi, v * sin_phi)
     return a * sin_phi - b * cos_phi, a * cos_phi + b * sin_phi
@@ -38,7 +42,10 @@ def set_out(dm, c, i, phi):
 
 @compiled
 def settle_near(dm, c, i, phi):
-    """Outward direction near phi, by Newton's rule, into y; whether there is one."""
+    """Find the outward direction of slip near phi by Newton's rule; return False if there is none.
+
+    Outward means that the acceleration is parallel to the slip and lets it grow. The slip is written into y.
+    """
     for _ in range(MAX_NEWTON):
         across, along = set_out(dm, c, i, phi)
         beside, _ = set_out(dm, c, i, phi + SLANT)
@@ -47,7 +54,8 @@ def settle_near(dm, c, i, phi):
         if not abs(step) <= 0.5:
             return False
         phi += step
-        if abs(step) <= SLANT:  # as exact as this the slope is, and what is left of the error
+        # the slope is good to about SLANT, so what is left of the error is below SLANT squared
+        if abs(step) <= SLANT:
             across, along = set_out(dm, c, i, phi)
             return along > 0.0 and c.F[F1 + 3 * i] > 0.0
     return False
@@ -55,14 +63,18 @@ def settle_near(dm, c, i, phi):
 
 @compiled
 def settle_anywhere(dm, c, i):
-    """Find the direction of a slip out of rest among all directions: changes of sign on a grid, then bisection."""
+    """Find the direction of a slip out of rest among all directions: changes of sign on a grid, then bisection.
+
+    The slip is written into y. Return False if there is none.
+    """
     before, last = 0.0, 0.0
     for k in range(ONSET_DIRECTIONS + 1):
+        # 0.37: no direction of the grid is axial, lateral or a diagonal, where the function may be exactly zero
         phi = -pi + 2.0 * pi * (k + 0.37) / ONSET_DIRECTIONS
         across, _ = set_out(dm, c, i, phi)
         if k > 0 and across * before < 0.0:
             low, high = last, phi
-            for _ in range(60):
+            for _ in range(60):  # down to round-off
                 mid = 0.5 * (low + high)
                 cross, _ = set_out(dm, c, i, mid)
                 low, high = (mid, high) if cross * before > 0.0 else (low, mid)
@@ -75,11 +87,11 @@ def settle_anywhere(dm, c, i):
 
 @compiled
 def slip_onset(dm, c, i, hold_a, hold_b):
-    """Self-consistent slip out of rest of end i, into y; returns False if there is none.
+    """Write the self-consistent slip out of rest of end i into y; return False if there is none.
 
-    The contact's acceleration under friction against the slip is parallel to it (doi 10.1115/1.4035411). It is looked for
-    near the direction against the force (hold_a, hold_b) that held, then everywhere; where that force is axial, in the
-    axial directions first, so that planar motion stays planar.
+    The acceleration of the contact under friction against the slip is parallel to the slip (doi 10.1115/1.4035411). It
+    is looked for near the direction against the force (hold_a, hold_b) that held the end, then everywhere. Where that
+    force is axial, the axial directions come first, so that planar motion stays planar.
     """
     if hold_b == 0.0:
         for k in range(2):
@@ -92,7 +104,7 @@ def slip_onset(dm, c, i, hold_a, hold_b):
 
 @compiled
 def rates_of_pair(dm, c, u, u_1, u_2):
-    """Rates of the slips of two ends, the axial one and both lateral ones, once these are (u, u_i)."""
+    """Return the axial rate and both lateral rates of the slips of two ends after these are set to (u, u_1, u_2)."""
     put_slips(dm, c.y, u, u_1, u_2)
     take_rates(dm, c)
     a, a_1 = slip_of(dm, c.modes, c.dy, 0)
@@ -102,8 +114,10 @@ def rates_of_pair(dm, c, u, u_1, u_2):
 
 @compiled
 def set_out_as_pair(dm, c, side, b_1, b_2):
-    """Two ends slip along (1, b_i) times `side`: the axial acceleration that way, and what each lateral one has beyond that
-    direction.
+    """Return the accelerations of two ends that slip along (1, b_i) times `side`.
+
+    The first is the axial acceleration that way. The others are the lateral accelerations of p1 and p2 beyond that
+    direction: zero where the acceleration of an end is parallel to its slip.
     """
     u = side * (PAIR_SPEED * c.slip_tol) / length(1.0, max(abs(b_1), abs(b_2)))
     a, a_1, a_2 = rates_of_pair(dm, c, u, u * b_1, u * b_2)
@@ -112,10 +126,10 @@ def set_out_as_pair(dm, c, side, b_1, b_2):
 
 @compiled
 def pair_onset(dm, c, side, b_1, b_2):
-    """Slips out of rest of two ends, into y: along (1, b_i) times `side`, where the accelerations are parallel to the slips.
+    """Write slips out of rest of two ends into y whose accelerations are parallel to the slips.
 
-    They are looked for near the given ones, then where slips that set out so turn. Where there are none, the given ones are
-    kept.
+    Their direction is (1, b_i) times `side`: it is looked for near the given one, then where slips along the given one
+    turn to. Where there is none, the given direction is kept.
     """
     if not settle_pair(dm, c, side, b_1, b_2):
         u, u_1, u_2 = turned_pair(dm, c, side, side * b_1, side * b_2)
@@ -125,7 +139,10 @@ def pair_onset(dm, c, side, b_1, b_2):
 
 @compiled
 def settle_pair(dm, c, side, b_1, b_2):
-    """Such directions near (1, b_i) times `side`, by Newton's rule, into y; whether there are any."""
+    """Find the directions that `pair_onset` asks for near (1, b_i) times `side`; return False if there are none.
+
+    They are found by Newton's rule, and the slips are written into y.
+    """
     for _ in range(MAX_NEWTON):
         along, r_1, r_2 = set_out_as_pair(dm, c, side, b_1, b_2)
         d_1, d_2 = PAIR_SLANT * (1.0 + abs(b_1)), PAIR_SLANT * (1.0 + abs(b_2))
@@ -145,7 +162,10 @@ def settle_pair(dm, c, side, b_1, b_2):
 
 @compiled
 def turned_pair(dm, c, u, u_1, u_2):
-    """Where the slips (u, u_i) of two ends turn, as their accelerations have them: axial and lateral parts, in no unit."""
+    """Return the slips of two ends, axial and lateral, to which (u, u_i) turn by their accelerations.
+
+    Only the ratios of the returned numbers have a meaning.
+    """
     v = PAIR_SPEED * c.slip_tol
     for _ in range(PAIR_TURNS):
         size = max(abs(u), max(abs(u_1), abs(u_2)))

@@ -1,10 +1,13 @@
-"""One step of a contact phase, by each of three methods.
+"""Take one step of a contact phase, by one of three methods.
 
-Plain: DOP853 in time. Rescaled: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to rest, whose direction turns
-at the rate gamma / v: per xi nothing is stiff and the slip falls exponentially. Near a jam, with the force at each moment in
-gamma, nothing is singular either where it goes through infinity, beyond which time runs back (`time_per_xi`). Implicit: Radau
-IIA in time, for slip that is slow and stays so, or sets out from rest: its direction follows the forces at once, and the
-step need not resolve how.
+Plain: DOP853 in time.
+
+Rescaled: DOP853 in xi with dt = (v / gamma) dxi, for a slip v on its way to rest, whose direction turns at the rate
+gamma / v. Per xi nothing is stiff, and the slip falls exponentially. Near a jam gamma takes the force at each moment.
+Then nothing is singular where the force goes through infinity, either; beyond that time runs back (`time_per_xi`).
+
+Implicit: Radau IIA in time, for slip that is slow and stays so, or sets out from rest. Its direction follows the forces
+at once, and the step need not resolve how.
 """
 
 from math import inf, sqrt
@@ -25,76 +28,77 @@ from dimersweep.kernel.numerics.tableaux import DOP_C
 
 PLAIN_METHOD, RESCALED, IMPLICIT = 0, 1, 2
 MAX_STEP_NEWTON = 14  # Newton iterations of an implicit step
-CONVERGED = 0.1  # change in a Newton iteration, over the tolerance, that ends them
-RENEWED = 2  # the iteration that takes new derivatives
-TIGHT = 0.5  # compliance from which the turning of the slip may lead to a jam
+CONVERGED = 0.1  # change in a Newton iteration, over the tolerance, that ends the iterations
+# number of the iteration that takes new derivatives: the first ones are those of a guess of the nodes
+RENEWED = 2
+# compliance (1 for an end that sticks, 0 at a jam) below which the turning of the slip may lead to a jam
+TIGHT = 0.5
 SLIP_CHANGE = 1e-6  # change of a slip, in units of itself, in its finite differences
 
-# of an explicit step, and of a Newton iteration for each direction in which a slip turns and once more, in hops of one end:
-# as measured
+# work of an explicit step, and of a Newton iteration per direction in which a slip turns and once more, in hops of one
+# end: as measured
 EXPLICIT_COST, NEWTON_COST = 0.8, 0.4
 
 
 class StepArrays:
-    """What a step of a contact phase works on."""
+    """Arrays that a step of a contact phase works on."""
 
     K: Annotated[list[float], DOP_STAGES, ROW]  # slopes of the stages
     nodes: Annotated[list[float], NODES, ROW]  # states at the nodes of an implicit step
-    J: Annotated[
-        list[float], 3 * NODES, ROW
-    ]  # derivatives of the slopes with respect to the slips, and the Newton matrix
+    # derivatives of the slopes with respect to the slips, and the Newton matrix
+    J: Annotated[list[float], 3 * NODES, ROW]
     LU: Annotated[list[float], 3 * NODES, ROW]
     B: Annotated[list[float], 3 * NODES, ROW]  # directions of the turns
-    start: Moment  # of the step: the state of the phase
-    out: Moment  # its end
+    start: Moment  # start of the step: the state of the phase
+    out: Moment  # end of the step
     scale: Row  # tolerances of the state
     armed: Row  # event functions that have been positive
     values: Annotated[list[float], 4, ROW]  # event functions in the course of the step
     probe: Moment
     pivots: Row
     change: Row
-    kept: Annotated[list[float], 6, ROW]  # what a step was from and to, while the works in it are taken in parts
-    flows: Row  # what the works since the phase began are either way
+    kept: Annotated[list[float], 6, ROW]  # start and end of a step, while its works are taken in parts
+    flows: Row  # works since the phase began, their sizes in each step summed up
 
 
 class Control:
-    """What one step of a contact phase leaves to the next."""
+    """Numbers that a step of a contact phase leaves to the next step."""
 
     time: float  # since the start of the phase [s]
     now: float  # plate phase at the start of the step [rad]
-    h: float  # size of the next step: in time [s], and in xi
+    h: float  # size of the next step: h in time [s], xi in xi
     xi: float
     natural: float  # tolerance to the power of 1/8
-    stiffness: float  # gamma of the step, and the slip that it turns with its rate
+    stiffness: float  # gamma of the step, the slowest turning slip [m/s], and the rate of that speed
     speed: float
     speed_rate: float
-    method: int  # of the step
-    size: float  # of the step, in the unit of its method
+    method: int  # PLAIN_METHOD, RESCALED or IMPLICIT
+    size: float  # size of the step, in the unit of its method
     last: bool  # whether the step ends the span
-    cut: bool  # whether it goes no further than the phase is wanted: a longer one has passed that
-    doubt: float  # what works in a step may be off, where they are wanted [J]
+    cut: bool  # True if the step is cut to end at `until`, because a full step passed it
+    doubt: float  # tolerance of the works in a step, where they are wanted [J]
 
 
 class Phase(NamedTuple):
-    """A contact phase in one chart: what is asked of it, and what it is followed on."""
+    """Contact phase in one chart: its dimer, bounds, tolerances and arrays."""
 
     dm: Any
     modes: Any
     phase: float  # of the plate at the start [rad]
-    span: float  # that the steps are chosen for [s]
-    until: float  # when to stop, at most the span: a sample takes the steps of its run [s]
+    span: float  # time that the steps are chosen for [s]
+    until: float  # time to stop at, at most the span: a sample takes the steps of its run, and stops earlier [s]
     tol: float  # error per step, in units of the scales of the state
     slip_tol: float  # slip that counts as none [m/s]
     n: int  # entries of the state that are integrated
-    b: Any  # what its steps work on (`StepArrays`)
+    b: Any  # arrays of its steps (`StepArrays`)
     control: Any
-    bracket: Any  # of an event
+    bracket: Any  # bracket of an event
     meter: Any
 
 
 @compiled
 def begin_at(p, y):
-    """Have a phase start from a contact state: its tolerances and rates, and the chart, which all states of its steps share."""
+    """Begin a phase at a contact state y: set its tolerances and rates, and the chart of all states of its steps."""
     copy(y, p.b.start.y, coordinates.N_Y)
     same_chart(y, p.b.out.y)
     same_chart(y, p.b.probe.y)
@@ -106,10 +110,15 @@ def begin_at(p, y):
 
 @compiled
 def set_scales(p):
-    """Tolerances of the contact state: angles, rates, slips and lengths in the scales of the scene; works as they are told."""
+    """Set the tolerances of the contact state.
+
+    Angles, rates, slips and lengths have tolerances in the scales of the scene. Works have the tolerance
+    `control.doubt`.
+    """
     dm, tol, scale = p.dm, p.tol, p.b.scale
     scale[Y.dip] = scale[Y.theta] = tol
     scale[Y.w_b] = scale[Y.w_p] = tol * dm.w_scale
+    # a slip v comes with a spin v / r and a turn v / l: l / r is 10 at the base case, and so it is of gamma
     scale[Y.spin] = 10.0 * tol * dm.w_scale
     scale[Y.u_a] = scale[Y.u_b] = tol * dm.v_scale
     scale[Y.time] = tol * dm.period
@@ -121,7 +130,7 @@ def set_scales(p):
 
 @compiled(inline=True)
 def stiffness(p, force):
-    """gamma: a bound on the rate at which friction under a normal force turns a slip, times its speed [m s-2]."""
+    """Return gamma, a bound on the rate at which friction turns a slip, times the slip [m s-2]; `force` is normal."""
     dm, y = p.dm, p.b.start.y
     tilt, gamma = 1.0 if y[Y.chart] == UPRIGHT else min(1.0, abs(dm.beta_0 + y[Y.dip])), 0.0
     for i in range(2):
@@ -133,7 +142,7 @@ def stiffness(p, force):
 
 
 class Step(NamedTuple):
-    """A step of a contact phase, of h seconds or, by the rescaled method, h units of xi."""
+    """Step of a contact phase, of h seconds or, by the rescaled method, h units of xi."""
 
     p: Phase
     phase: float  # of the plate at its start [rad]
@@ -147,7 +156,7 @@ class Step(NamedTuple):
 
 @compiled
 def ruling_slip(dm, modes, y):
-    """Slip speed of the rescaled method: that of the one slipping end, or half the harmonic mean of both."""
+    """Return the slip speed of the rescaled method [m/s]: half the harmonic mean, if both ends slip."""
     inverse = 0.0
     for i in range(2):
         if modes[i] == SLIP:
@@ -157,10 +166,11 @@ def ruling_slip(dm, modes, y):
 
 @compiled(inline=True)
 def time_per_xi(step, v, force):
-    """Time per xi at a slip speed, under normal forces with this sum.
+    """Return the time per xi at a slip speed v, with `force` the sum of the normal forces.
 
-    Near a jam it goes with 1 / F, and stays finite where the force vanishes: to F, in units of that at the start, is added its
-    product with the compliance, which is about what it would be without friction.
+    Near a jam the time per xi goes with 1 / F, and stays finite where the force vanishes. For that, the product of
+    force and compliance is added to F, in units of the force at the start: this product is about the force without
+    friction.
     """
     share, start = v / step.gamma, step.p.b.start.F
     more = start[forces.COMPLIANCE]
@@ -171,7 +181,7 @@ def time_per_xi(step, v, force):
 
 @compiled(inline=True)
 def rescale(step, y, F, k):
-    """By the rescaled method, the slopes k per xi in place of those per time."""
+    """Multiply the slopes k by the time per xi, if the method is the rescaled one."""
     if step.method == RESCALED:
         share = time_per_xi(step, ruling_slip(step.p.dm, step.p.modes, y), F[F1] + F[F2])
         for j in range(step.p.n):
@@ -180,7 +190,7 @@ def rescale(step, y, F, k):
 
 @compiled
 def slopes_of_any(step, i, *state):
-    """Slopes of a stage of any contact, in either chart."""
+    """Return the slopes of stage i of any contact, in either chart."""
     p, y, F, k = step.p, step.p.b.out.y, step.p.b.out.F, step.p.b.K[i]
     y[0], y[1], y[2], y[3], y[4], y[5], y[6], y[7] = state
     phase_rates(p, step.phase + p.dm.omega * y[Y.time], Moment(y, k, F))
@@ -190,7 +200,7 @@ def slopes_of_any(step, i, *state):
 
 @compiled
 def works_of_single(step, i, now, rod, rates, share):
-    """Slopes of the works of a stage of the contact of one end."""
+    """Write the slopes of the works of stage i of the contact of one end."""
     p, y, F, dy = step.p, step.p.b.out.y, step.p.b.out.F, step.p.b.K[i]
     y[Y.u_a], y[Y.u_b], y[Y.theta] = rod.u_a, rod.u_b, rod.theta
     forces.put_forces(leading(p.modes), rates.F, rates.A, rates.L, rates.compliance, F)
@@ -201,7 +211,7 @@ def works_of_single(step, i, now, rod, rates, share):
 
 @compiled(fuse=True, inline=True)
 def slopes_of_single(step, i, *state):
-    """Slopes of a stage of the contact of one end in the chart by heading."""
+    """Return the slopes of stage i of the contact of one end in the chart by heading."""
     dip, w_b, w_p, spin, u_a, u_b, theta, xi_time = state
     dm, n, rescaled, number = step.p.dm, step.p.n, step.method == RESCALED, leading(step.p.modes)
     p = end(dm, number)
@@ -231,10 +241,11 @@ def slopes_of_single(step, i, *state):
 
 @compiled
 def explicit_contact_step(step):
-    """One DOP853 step from the start into `out`; returns the error over the tolerance."""
+    """Take one DOP853 step from the start into `out`; return the error over the tolerance."""
     p, b, y = step.p, step.p.b, step.p.b.start.y
     charge(p.meter, EXPLICIT_COST)
-    copy(b.start.dy, b.K[0], coordinates.N_WORKED)  # a number that is known compiles to no call
+    # all entries, not p.n of them: with a constant number the copy compiles without a call
+    copy(b.start.dy, b.K[0], coordinates.N_WORKED)
     rescale(step, y, b.start.F, b.K[0])
     if y[Y.chart] == UPRIGHT or (p.modes[0] != FREE and p.modes[1] != FREE):
         return explicit_step(slopes_of_any, step, step.h, y, b.K, p.n, b.scale, b.out.y)
@@ -246,9 +257,10 @@ def explicit_contact_step(step):
 
 @compiled
 def set_turns(p, j):
-    """Directions of change of the slips (u_a, u_b, w_p) at node j that turn them, into rows of b.B; returns how many.
+    """Write the directions of change that turn the slips at node j into rows of b.B; return their number.
 
-    A single slip only turns across itself; of two slips, which share their axial part, every change turns one.
+    A direction changes (u_a, u_b, w_p). A single slip turns only across itself. Two slips share their axial part: every
+    change turns one of them.
     """
     b, y = p.b, p.b.nodes[j]
     if p.modes[0] != FREE and p.modes[1] != FREE:
@@ -265,7 +277,10 @@ def set_turns(p, j):
 
 @compiled
 def turn_slopes(step, j):
-    """Derivatives of the slopes at node j with respect to the turns, by forward differences, into b.J; returns how many."""
+    """Write the derivatives of the slopes at node j with respect to the turns into b.J; return the number of turns.
+
+    They are forward differences.
+    """
     p, b, probe = step.p, step.p.b, step.p.b.probe
     y, f = b.nodes[j], b.K[j]
     v, _ = coordinates.slip_speed(p.dm, p.modes, y, y)
@@ -286,7 +301,7 @@ def turn_slopes(step, j):
 
 @compiled(fuse=True)
 def newton_matrix(h, m, b):
-    """1 - h A dq'/dq over the turns q at all nodes, factored, in b.LU; returns whether it could be."""
+    """Write the factors of 1 - h A dq'/dq over the turns q at all nodes into b.LU; return False if it is singular."""
     for j in range(NODES):
         for i in range(m):
             p = j * m + i
@@ -302,9 +317,10 @@ def newton_matrix(h, m, b):
 
 @compiled(fuse=True)
 def newton_iteration(h, n, m, b):
-    """One Newton iteration of the states at the nodes; returns the largest change over the tolerance.
+    """Improve the states at the nodes by one Newton iteration; return the largest change over the tolerance.
 
-    Only the turning of the slips is stiff: the other derivatives are left out, and what the turns change is carried over.
+    Only the turning of the slips is stiff. The other derivatives are left out, and the effect of the turns is carried
+    over.
     """
     y, probe, nodes, K, B, change, scale = b.start.y, b.probe.y, b.nodes, b.K, b.B, b.change, b.scale
     for j in range(NODES):
@@ -336,8 +352,9 @@ def newton_iteration(h, n, m, b):
 
 @compiled
 def implicit_error(h, first, last, b):
-    """Error of an implicit step over the tolerance, from how fast the slopes' expansion in Chebyshev polynomials falls off;
-    of the entries from `first` up to `last`.
+    """Return the error of an implicit step over the tolerance, of the entries from `first` up to `last`.
+
+    It is estimated from how fast the expansion of the slopes in Chebyshev polynomials falls off.
     """
     total = 0.0
     for k in range(first, last):
@@ -353,7 +370,7 @@ def implicit_error(h, first, last, b):
 
 @compiled
 def implicit_step(step):
-    """One Radau IIA step from the start into `out`; returns the error over the tolerance, inf if it fails."""
+    """Take one Radau IIA step from the start into `out`; return the error over the tolerance, inf if it fails."""
     p, h, n, b, m = step.p, step.h, step.p.n, step.p.b, 1
     for j in range(NODES):
         for k in range(n):
@@ -381,7 +398,7 @@ def implicit_step(step):
 
 @compiled(inline=True)
 def step_to(p, phase, h):
-    """One step by the method that is chosen, from a phase of the plate; returns its error over the tolerance.
+    """Take one step of size h by the chosen method, from a phase of the plate; return its error over the tolerance.
 
     The rates (per time) and the forces at its end are left in `out`.
     """

@@ -1,7 +1,8 @@
-"""Works over the steps of a contact phase, where they are wanted: they ride along, and must not change the steps.
+"""Integrate the works over the steps of a contact phase, where they are wanted.
 
-The plate moves on while the state may rest, so that a step which suits the state may be too long for the works. So each step
-is taken once more in equal parts, for its works alone, until these agree with what fewer parts gave.
+The works must not change the steps. The plate moves on while the state may rest, so that a step which suits the state
+may be too long for the works. So each step is taken once more in equal parts, for its works alone, until these agree
+with those of fewer parts.
 """
 
 from math import inf, sqrt
@@ -12,14 +13,15 @@ from dimersweep.kernel.contact.forces import phase_rates
 from dimersweep.kernel.contact.step_control import RESCALED, step_to
 from dimersweep.kernel.numerics.steps import copy
 
-WORK_PARTS = 64  # into which a step is taken for its works
+WORK_PARTS = 64  # parts, at most, in which a step is taken for its works
 
 
 @compiled
 def settle_works(p):
-    """Make the works in the step that is to be accepted as good as they may be off, and note what flows in it."""
+    """Make the works in the step that is to be accepted as accurate as `control.doubt` asks, and add up their sizes."""
     start, out, h = p.b.start, p.b.out, p.b.out.y[Y.time]
-    if p.control.method != RESCALED:  # in xi all is slow, and the slip falls: its power is as smooth as itself
+    # in xi all is slow, and the slip falls: its power is as smooth as the slip itself
+    if p.control.method != RESCALED:
         works_in_parts(p, h)
     for k in range(N_PATH, N_WORKED):
         p.b.flows[k - N_PATH] += flow(out.y[k] - start.y[k], start.dy[k], out.dy[k], h)
@@ -27,13 +29,15 @@ def settle_works(p):
 
 @compiled
 def flow(work, first, last, h):
-    """Integral of the size of a power over h seconds in which it does a work: of the parabola with its values at both ends.
+    """Return the integral of the size of a power over h seconds in which it does the work `work`.
 
-    Where the power turns in a step it is known to a hundredth, which will do for a unit of residuals.
+    The power is taken for the parabola with the values `first` and `last` at both ends. Where the power changes its
+    sign in a step, the result is good to a hundredth, which is enough for a unit of residuals.
     """
     if first * last >= 0.0:
         return abs(work)
-    bend = 6.0 * (work / h - 0.5 * (first + last))  # power = first + (last - first) s + bend s (1 - s)
+    # power = first + (last - first) s + bend s (1 - s)
+    bend = 6.0 * (work / h - 0.5 * (first + last))
     slope = last - first + bend
     root = sqrt(slope * slope + 4.0 * bend * first)
     s = -2.0 * first / (slope + (root if slope > 0.0 else -root))
@@ -43,9 +47,9 @@ def flow(work, first, last, h):
 
 @compiled
 def works_in_parts(p, h):
-    """Take the step of h seconds in parts until its works no longer change; all but these stays as it was.
+    """Take the step of h seconds in parts until its works no longer change; all but the works stays as it was.
 
-    Parts of an implicit step may fail where the whole step does not: their works do not count.
+    Parts of an implicit step may fail where the whole step does not: the works of such parts do not count.
     """
     start, out, parts, kept = p.b.start, p.b.out, 1, p.b.kept
     step = (start.y, start.dy, start.F, out.y, out.dy, out.F)
@@ -55,7 +59,8 @@ def works_in_parts(p, h):
         parts *= 2
         sound = True
         for j in range(parts):
-            for k in range(3):  # from the start of the step, then from the end of the part before
+            # from the start of the step, then from the end of the part before
+            for k in range(3):
                 if j == 0:
                     copy(kept[k], step[k], p.n)
                 else:
@@ -76,7 +81,10 @@ def works_in_parts(p, h):
 
 @compiled
 def works_to_slip_end(p, t):
-    """Works over a straight line of t seconds from here, by the midpoint rule: a slip that ends falls to zero."""
+    """Add the works over the straight line of t seconds on which a slip ends, by the midpoint rule.
+
+    The slip falls to zero on it, so that its power is linear.
+    """
     start, probe = p.b.start, p.b.probe
     for k in range(p.n):
         probe.y[k] = start.y[k] + 0.5 * t * start.dy[k]

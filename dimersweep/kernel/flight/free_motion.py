@@ -1,8 +1,9 @@
-"""Free motion, (2) without contact forces, in closed form over the moving plate: ballistic centre, torque-free symmetric top.
+"""Move the dimer freely over the moving plate: (2) without contact forces, in closed form.
 
-The axis u of the dimer turns about the constant angular momentum L at Omega = |L|/J_t, so that
-sin(beta)(t) = c0 + c1 cos(Omega t) + c2 sin(Omega t). Everything is written as an increment over the start in
-1 - cos x and x - sin x, which keeps the full relative precision of hops of any smallness.
+The centre of mass is ballistic, and the dimer is a symmetric top without torque. Its axis u turns about the constant
+angular momentum L at Omega = |L|/J_t, so that sin(beta)(t) = c0 + c1 cos(Omega t) + c2 sin(Omega t). Everything is
+written as an increment over the start in 1 - cos x and x - sin x, which keeps the full relative precision of hops of
+any smallness.
 """
 
 from math import copysign, floor, sqrt
@@ -24,21 +25,21 @@ class Flight(NamedTuple):
     n_1: float
     n_2: float
     g: float
-    h_1: float  # places of the ball centres on the axis, from the centre of mass
+    h_1: float  # places of the ball centres on the axis, counted from the centre of mass [m]
     h_2: float
     Omega: float  # rate of the axis about L [rad s-1]
     c1: float  # amplitudes of sin(beta)
     c2: float
     sway: Any  # the plate from the start on
     bound4: float  # bound of the fourth time derivative of either gap
-    sin_b: float  # of the dip angle at the start
+    sin_b: float  # sine and cosine of the dip angle at the start
     cos_b: float
     L: Any  # angular momentum over J_t in the frame (a, b, n) of the heading at the start [rad s-1]
 
 
 @compiled
 def angular_momentum(dm, state, sin_b, cos_b):
-    """Angular momentum over J_t in the frame (a, b, n) of the present heading: L_a, L_b, L_n [rad s-1]."""
+    """Return L_a, L_b, L_n, the angular momentum over J_t in the frame (a, b, n) of the present heading [rad s-1]."""
     axial = dm.J_a / dm.J_t * state[SPIN]
     return (
         -sin_b * state[WP] + cos_b * axial,
@@ -49,7 +50,7 @@ def angular_momentum(dm, state, sin_b, cos_b):
 
 @compiled
 def take_off(dm, state):
-    """Flight that starts from a state."""
+    """Return the flight that starts from a state."""
     sin_b, cos_b = attitude(dm, state[DIP])
     L = angular_momentum(dm, state, sin_b, cos_b)
     Omega = sqrt(L[0] * L[0] + L[1] * L[1] + L[2] * L[2])
@@ -79,7 +80,7 @@ def take_off(dm, state):
 
 @compiled(inline=True)
 def gap_series(dm, fl, i, t):
-    """Gap of end i at time t and its first three time derivatives, the first of them that of (1)."""
+    """Return the gap of end i at time t and its first three time derivatives; the first of them is that of (1)."""
     x = fl.Omega * t
     sx, cx = sincos(x)
     kx = one_minus_cos(sx, cx)
@@ -96,11 +97,12 @@ def gap_series(dm, fl, i, t):
 
 @compiled(inline=True)
 def turn_of_heading(kappa, L_n, Omega, x, angle):
-    """Turn of the heading, towards b, while the axis turns by x about L, from the `angle` between its ends in (-pi, pi].
+    """Return the turn of the heading, towards b, while the axis turns by x about L [rad].
 
-    Where the vertical is outside the cone of the axis, the heading swings by less than half a turn. Else it goes round one
-    way, once with every turn of the axis: theta' = (L_n - kappa Omega u_n) / cos(beta)^2 does not change its sign. By half a
-    turn of the axis it goes at least a quarter of a turn and at most three.
+    `angle` is the angle between the headings at both ends, in (-pi, pi]. Where the vertical is outside the cone of the
+    axis, the heading swings by less than half a turn. Else it goes round one way, once with every turn of the axis:
+    theta' = (L_n - kappa Omega u_n) / cos(beta)^2 does not change its sign. During half a turn of the axis it goes at
+    least a quarter of a turn and at most three quarters.
     """
     if abs(L_n) <= abs(kappa) * Omega:
         return angle
@@ -112,14 +114,14 @@ def turn_of_heading(kappa, L_n, Omega, x, angle):
 
 @compiled
 def dip_at(dm, rise, sin_b, cos_b):
-    """Dip above level where sin(beta) is `rise` above that of level: with all the digits that the rise has."""
+    """Return the dip above level at which sin(beta) is `rise` above that of level, with all the digits of the rise."""
     sin_d = rise * (dm.cos_0 + dm.sin_0 * (sin_b + dm.sin_0) / (cos_b + dm.cos_0))
     return atan2(sin_d, cos_b * dm.cos_0 + sin_b * dm.sin_0)
 
 
 @compiled
 def fly(dm, fl, state, t, path):
-    """Advance a state by t of free motion, in place.
+    """Move a state on by the time t of free motion, in place.
 
     Parameters
     ----------
@@ -171,7 +173,7 @@ def fly(dm, fl, state, t, path):
 
 @compiled
 def swing_along(dm, state, t, path):
-    """Add what a plate that is tilted or moves along itself does to the velocity and the place over a flight, in place."""
+    """Add the motion and the tilt of the plate to velocity and place over a flight, in place; see `plate.swung`."""
     sin_t, cos_t = sincos(state[THETA])
     v_x, x, v_y, y = swung(dm, state[PHASE] + dm.phi0, t)
     state[CA] += v_y * cos_t - v_x * sin_t
@@ -183,9 +185,10 @@ def swing_along(dm, state, t, path):
 
 @compiled
 def advance_path(dm, fl, state, t, turn, u, new):
-    """Advance x1, y1 and the spinning angle gamma over a flight, in place (the state is still the one of its start).
+    """Move x1, y1 and the spinning angle gamma on over a flight, in place.
 
-    At its end the axis is u, in the frame of the heading at the start, and `new` are cosine and sine of the new heading there.
+    The rest of the state is still that of the start of the flight. At its end the axis is u, in the frame of the
+    heading at the start; `new` has cosine and sine of the new heading in that frame.
     """
     sin_t, cos_t = sincos(state[THETA])
     (u_a, u_b, u_n), (co, si) = u, new

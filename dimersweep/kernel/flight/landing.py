@@ -1,9 +1,9 @@
-"""The next landing: where a gap in (3) is zero, approached from the left by steps that certainly hold no root.
+"""Find the next landing: the first zero of a gap in (3), approached from the left by steps that certainly hold no root.
 
-From a probe (gap and three derivatives) the gap is bounded below by a quartic, because its fourth derivative is bounded.
-The first root of that quartic is a step over which nothing can land, however short the hop: no double crossing and no graze
-is missed. As soon as the gap certainly falls all the way to a zero, that is the landing: the zero of the cubic is off by no
-more than the fourth derivative allows, and is taken where this is rounding.
+From a probe (gap and three derivatives) the gap is bounded below by a quartic, because its fourth derivative is
+bounded. The first root of that quartic is a step over which nothing can land, however short the hop: no double crossing
+and no graze is missed. As soon as the gap certainly falls all the way to a zero, that zero is the landing. The zero of
+the cubic is off by no more than the fourth derivative allows, and is taken where this is rounding.
 """
 
 from math import inf, sqrt
@@ -14,24 +14,30 @@ from dimersweep.kernel.model.plate import heaviest
 from dimersweep.kernel.numerics.elementary import length
 from dimersweep.kernel.numerics.sincos import sincos
 
-MAX_LANDING_PROBES = 10000  # of a flight, for one end
-SWIFT = 10.0  # rate of the axis, in units of the plate's, from which whole turns are stepped over
+MAX_LANDING_PROBES = 10000  # probes of a flight, for one end
+# rate of the axis, in units of the rate of the plate, from which on whole turns of the axis are stepped over
+SWIFT = 10.0
 EPS = 2.3e-16  # round-off of a number, in units of itself
-SHORT = 0.9  # first try of a safe step, over the fall of the parabola
-SHRINK, MAX_TRIES = 0.65, 100  # the next try over the last one, and the most of them
-PAST_CUBIC = 1.2  # how far past the zero of a cubic the gap must fall, in units of the step to it
+# first try of a safe step, over the time in which the parabola falls to zero: shorter, since the quartic may fall
+# sooner
+SHORT = 0.9
+SHRINK, MAX_TRIES = 0.65, 100  # the next try of a safe step over the last one, and the number of tries at most
+# how far past the zero of a cubic the gap must certainly fall, in units of the step to that zero
+PAST_CUBIC = 1.2
 NEWTON = 8  # steps of Newton's rule to that zero
-ROUNDED_HEIGHT = 1e-13  # what a height may be off, in units of what it is the difference of
+ROUNDED_HEIGHT = 1e-13  # error of a height, in units of the numbers that it is the difference of
 
 
 @compiled(fuse=True, inline=True)
 def safe_step(c0, c1, c2, c3, bound4, span):
-    """A step of at most `span` on which c0 + c1 s + c2 s^2/2 + c3 s^3/6 - bound4 s^4/24 does not fall below zero.
+    """Return a step of at most `span` on which a lower bound of the gap does not fall below zero.
 
-    None of its Bernstein coefficients on the step is negative. The first try ends short of where the parabola does.
+    The bound is c0 + c1 s + c2 s^2/2 + c3 s^3/6 - bound4 s^4/24. None of its Bernstein coefficients on the step is
+    negative. The first try ends short of the zero of the parabola.
     """
     a2, a3, a4 = 0.5 * c2, c3 / 6.0, -bound4 / 24.0
-    if c0 == 0.0 and c1 == 0.0:  # lift-off at zero rate: s^2 is factored out, half of the rest's first root is safe
+    # lift-off at zero rate: s^2 is factored out, and half of the first root of the rest is safe
+    if c0 == 0.0 and c1 == 0.0:
         if a2 <= 0.0 and a3 <= 0.0:
             return 0.0
         most = min(a4, -1e-300)
@@ -54,7 +60,7 @@ def safe_step(c0, c1, c2, c3, bound4, span):
 
 @compiled
 def out_of_reach(dm, fl, i, t, gap, rate):
-    """Time over which end i is too high to land, however the axis swings; 0.0 if it is within reach.
+    """Return the time over which end i is too high to land, however the axis swings; 0.0 if it is within reach.
 
     Without its swing of amplitude h |c| the gap has a curvature of at least -(g + plate).
     """
@@ -73,12 +79,14 @@ def out_of_reach(dm, fl, i, t, gap, rate):
 
 @compiled(fuse=True, inline=True)
 def fall(c0, c1, c2, c3, bound4):
-    """Step to the zero of c0 + c1 s + c2 s^2/2 + c3 s^3/6 next to a probe at which the gap falls (backwards if c0 < 0).
+    """Return the step from a probe at which the gap falls to the zero of c0 + c1 s + c2 s^2/2 + c3 s^3/6 next to it.
+
+    The step is negative if c0 < 0.
 
     Returns
     -------
     step, off : float
-        inf where the gap may cease to fall before; how far the gap's own zero may be from that of the cubic.
+        The step, inf where the gap may cease to fall before; the largest distance of the gap's zero from the cubic's.
     """
     disc = c1 * c1 - 2.0 * c2 * c0
     if disc <= 0.0:
@@ -104,7 +112,7 @@ def fall(c0, c1, c2, c3, bound4):
 
 @compiled
 def first_landing(dm, fl, i, until):
-    """First time in (0, until] at which the gap of end i is zero.
+    """Find the first time in (0, until] at which the gap of end i is zero.
 
     Returns
     -------
@@ -133,7 +141,8 @@ def first_landing(dm, fl, i, until):
             return inf, probe
         if probe > 1 and step <= 4.0 * EPS * t:
             return t, probe
-        if step == 0.0:  # neither a positive gap nor one that opens: it is closed now
+        # neither a positive gap nor one that opens: it is closed now
+        if step == 0.0:
             return t, probe
         t += step
     return t, MAX_LANDING_PROBES
@@ -141,9 +150,9 @@ def first_landing(dm, fl, i, until):
 
 @compiled
 def next_landing(dm, fl, until):
-    """The end that lands first (-1 for neither), the time, and the probes of both.
+    """Return the end that lands first (-1 for neither), the time, and the number of probes of both ends.
 
-    The end nearer to the plate is asked first: the other one then counts only until that landing.
+    The end nearer to the plate is tried first: the other one then counts only until that landing.
     """
     near = 0 if fl.d_1 <= fl.d_2 else 1
     t, probes = first_landing(dm, fl, near, until)

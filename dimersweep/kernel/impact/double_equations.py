@@ -1,16 +1,16 @@
-"""The law of an impact at both ends at once: the regular form of (6)-(7), and where friction holds.
+"""State the law of an impact at both ends at once: the regular form of (6)-(7), and where friction holds.
 
-At a double contact the ends share one axial velocity a. The force of a contact is k_i X_i^eta, with eta = 3/2 for Hertz's
-dm, so that its energy is E_i = k_i X_i^(eta + 1) / (eta + 1). With dP_i = k_i X_i^eta dtau
+At a double contact the ends share one axial velocity a. The force of a contact is k_i X_i^eta, with eta = 3/2 for
+Hertz's law, so that its energy is E_i = k_i X_i^(eta + 1) / (eta + 1). With dP_i = k_i X_i^eta dtau
 
     n_1' = W_11 f_1 + W_12 f_2 + w_1 A      a'   = w_1 f_1 + w_2 f_2 + W_aa A
     n_2' = W_12 f_1 + W_22 f_2 + w_2 A      b_i' = B_ii L_i + B_ij L_j
     X_i' = -n_i in compression, -n_i / e_i^2 in restitution
 
-with f_i = k_i X_i^eta, A the total axial and L_i the lateral friction per tau. Where an end begins or ceases to press, f_i is
-not smooth. It is in the clock of that end, dtau = Y_i dsigma with X_i = Y_i^2, in which dY_i / dsigma = X_i' / 2: there
-Hertz's force is the cube of Y_i, and all can be continued through Y_i = 0. Units: velocities of the approach speed V,
-impulses of m V, the Delassus operator of 1/m.
+with f_i = k_i X_i^eta, A the total axial and L_i the lateral friction per tau. Where an end begins or ceases to press,
+f_i is not smooth in tau. It is smooth in the clock of that end, dtau = Y_i dsigma with X_i = Y_i^2, in which dY_i /
+dsigma = X_i' / 2. There Hertz's force is the cube of Y_i, and all can be continued through Y_i = 0. Units: velocities
+of the approach speed V, impulses of m V, the Delassus operator of 1/m.
 """
 
 from math import copysign, inf, sqrt
@@ -21,39 +21,40 @@ from dimersweep.kernel.model.friction import direction, hold_left, outward_slip,
 from dimersweep.kernel.model.layout import SLIP, STICK
 from dimersweep.kernel.numerics.elementary import length, raised
 
-# state of the impact: gap rates, compressions, axial and lateral velocities; beyond what steps control (`steps.WIDTH`), where
-# they are wanted, what slip takes at both ends
+# state of the impact: gap rates, compressions, axial and lateral velocities; and beyond the entries that steps control
+# (`steps.WIDTH`), where they are wanted, the works of slip at both ends
 ZN1, ZN2, ZX1, ZX2, ZA, ZB1, ZB2 = range(7)
 N_Z = 7
 ZS1, ZS2, N_RUBBED = 8, 9, 10
 HERTZ = 1.5  # exponent of two elastic bodies that touch at a point
-PLAIN_CLOCK, BOTH_CLOCK = -1, 2  # clocks besides those of the ends, 0 and 1: tau, and that of two ends that move alike
+# clocks besides those of the ends, 0 and 1: tau, and the common clock of two ends that move alike
+PLAIN_CLOCK, BOTH_CLOCK = -1, 2
 
 
 @compiled(inline=True)
 def lateral_of(dm, i):
-    """Lateral velocity of end i per lateral impulse there."""
+    """Return the lateral velocity of end i per lateral impulse there."""
     return dm.pair.bb_1 if i == 0 else dm.pair.bb_2
 
 
 @compiled(fuse=True, inline=True)
 def given(split, both, apart):
-    """What two forces give, from their sum and their difference.
+    """Return the velocity that two forces give, from their sum and their difference.
 
-    So ends that move alike go on so to the last digit, however sums of products are rounded.
+    So ends that move alike continue to move alike to the last digit, however sums of products are rounded.
     """
     return split.both * both + split.apart * apart
 
 
 @compiled
 def pull(dm, f_1, f_2):
-    """Axial acceleration that the normal forces give."""
+    """Return the axial acceleration that the normal forces give."""
     return given(dm.pair.a, f_1 + f_2, f_1 - f_2)
 
 
 @compiled(inline=True)
 def power(X, eta):
-    """X^eta for X > 0, 0.0 else; a power takes five times as long as Hertz's root."""
+    """Return X^eta for X > 0, else 0.0; a power takes five times as long as the root of Hertz's law."""
     if not X > 0.0:
         return 0.0
     return X * sqrt(X) if eta == HERTZ else raised(X, eta)
@@ -61,19 +62,19 @@ def power(X, eta):
 
 @compiled(inline=True)
 def force(dm, i, X):
-    """f_i = k_i X^eta, the normal force of end i in units that fit the clock tau: (6) for alike ends and Hertz's law."""
+    """Return f_i = k_i X^eta, the normal force of end i per clock tau: (6) for alike ends and Hertz's law."""
     return end(dm, i).k * power(X, dm.eta)
 
 
 @compiled
 def has_root(clock, i):
-    """Whether a state in a clock has Y in place of the X of end i."""
+    """Return True if a state in a clock has Y_i in the place of X_i."""
     return clock == i or clock == BOTH_CLOCK
 
 
 @compiled(inline=True)
 def force_in_clock(dm, clock, i, X):
-    """f_i from what a state in a clock has in the place of X_i."""
+    """Return f_i from a state in a clock, with X the number in the place of X_i."""
     if not has_root(clock, i):
         return force(dm, i, X)
     k = end(dm, i).k
@@ -82,25 +83,25 @@ def force_in_clock(dm, clock, i, X):
 
 @compiled(inline=True)
 def forces(dm, z, clock):
-    """f_1, f_2 from a state in a clock."""
+    """Return f_1, f_2 of a state in a clock."""
     return force_in_clock(dm, clock, 0, z[ZX1]), force_in_clock(dm, clock, 1, z[ZX2])
 
 
 @compiled
 def stored_energy(dm, i, X):
-    """E_i of a compression X."""
+    """Return the elastic energy E_i of a compression X."""
     return force(dm, i, X) * X / (dm.eta + 1.0) if X > 0.0 else 0.0
 
 
 @compiled
 def compression(dm, i, E):
-    """X_i of a stored energy."""
+    """Return the compression X_i of a stored energy E."""
     return raised((dm.eta + 1.0) * E / end(dm, i).k, 1.0 / (dm.eta + 1.0)) if E > 0.0 else 0.0
 
 
 @compiled
 def to_clock(clock, z):
-    """Write a state of the plain clock in another one, in place."""
+    """Write a state of the plain clock in another clock, in place."""
     for i in range(2):
         if has_root(clock, i):
             z[ZX1 + i] = sqrt(max(0.0, z[ZX1 + i]))
@@ -108,7 +109,7 @@ def to_clock(clock, z):
 
 @compiled
 def from_clock(clock, z):
-    """Write a state in a clock as one of the plain clock, in place; what lies beyond X = 0 stays negative."""
+    """Write a state in a clock as a state of the plain clock, in place; a Y_i below zero gives a negative X_i."""
     for i in range(2):
         if has_root(clock, i):
             z[ZX1 + i] *= abs(z[ZX1 + i])
@@ -116,10 +117,11 @@ def from_clock(clock, z):
 
 @compiled(inline=True)
 def friction(dm, modes, f_1, f_2, a, b_1, b_2):
-    """Total axial friction A and the laterals L_1, L_2, for given friction modes of the two ends."""
+    """Return the total axial friction A and the lateral frictions L_1, L_2 for given friction modes of both ends."""
     if modes[0] == STICK and modes[1] == STICK:
         return -pull(dm, f_1, f_2) / dm.pair.aa, 0.0, 0.0
-    if modes[0] == STICK:  # a = 0, so that p2 can slip only laterally
+    # where one end sticks the common axial slip is zero: the other end can slip only laterally
+    if modes[0] == STICK:
         _, L_2 = slip_force(dm.p2.mu_hit, f_2, 0.0, copysign(1.0, b_2))
         return -pull(dm, f_1, f_2) / dm.pair.aa, -dm.pair.bb_12 / dm.pair.bb_1 * L_2, L_2
     if modes[1] == STICK:
@@ -131,9 +133,9 @@ def friction(dm, modes, f_1, f_2, a, b_1, b_2):
 
 @compiled(fuse=True, inline=True)
 def rates_in_clock(dm, modes, gains, clock, z):
-    """Rates of the state z (seven numbers) of a double impact by (7), in a clock; gains are 1 or 1/e^2.
+    """Return the rates of the state z (seven numbers) of a double impact by (7), in a clock; `gains` are 1 or 1/e^2.
 
-    dtau/dsigma multiplies the forces, which are known before the frictions.
+    The factor dtau/dsigma multiplies the forces, which are known before the frictions.
     """
     X_1, X_2 = z[ZX1], z[ZX2]
     pace = 1.0 if clock == PLAIN_CLOCK else (X_2 if clock == 1 else X_1)
@@ -153,14 +155,14 @@ def rates_in_clock(dm, modes, gains, clock, z):
 
 @compiled(inline=True)
 def impact_rates(dm, modes, gains, clock, z, out):
-    """Rates of the state z of a double impact in the given clock, into `out`: see `rates_in_clock`."""
+    """Write the rates of the state z of a double impact in a clock into `out`, as `rates_in_clock` gives them."""
     state = z[ZN1], z[ZN2], z[ZX1], z[ZX2], z[ZA], z[ZB1], z[ZB2]
     out[ZN1], out[ZN2], out[ZX1], out[ZX2], out[ZA], out[ZB1], out[ZB2] = rates_in_clock(dm, modes, gains, clock, state)
 
 
 @compiled
 def rub_rates(dm, modes, clock, z, out):
-    """What slip takes per clock at both ends in the state z (numbers or an array), into its places in out."""
+    """Write the work of slip at both ends per clock, in the state z (numbers or an array), into its places in `out`."""
     pace = 1.0 if clock == PLAIN_CLOCK else (z[ZX2] if clock == 1 else z[ZX1])
     for i in range(2):
         out[ZS1 + i] = 0.0
@@ -172,13 +174,19 @@ def rub_rates(dm, modes, clock, z, out):
 
 @compiled
 def axial_hold_left(dm, f_1, f_2, A):
-    """How far the friction A that holds both ends, neither of which slips sideways, is from its limit."""
+    """Return how far the friction A that holds both ends is from its limit; negative beyond it.
+
+    Neither end slips sideways.
+    """
     return dm.p1.mu_s * f_1 + dm.p2.mu_s * f_2 - abs(A)
 
 
 @compiled(inline=True)
 def stick_reserve(dm, modes, i, z, f_1, f_2):
-    """How far the friction that holds end i is from its limit (with both held, only the sum of the axial parts counts)."""
+    """Return how far the friction that holds end i is from its limit; inf if it slips.
+
+    With both ends held, only the sum of the axial parts counts.
+    """
     if modes[i] != STICK:
         return inf
     A, L_1, L_2 = friction(dm, modes, f_1, f_2, z[ZA], z[ZB1], z[ZB2])
@@ -189,7 +197,10 @@ def stick_reserve(dm, modes, i, z, f_1, f_2):
 
 @compiled
 def hold_or_slip(dm, i, z, f_1, f_2, tol, lost):
-    """Friction mode of end i, at rest beside an end that slips laterally; nudges z outward when it slips."""
+    """Return the friction mode of end i, at rest beside an end that slips laterally.
+
+    If end i slips, its slip in z is set to half of tol, outward. `lost` says that friction has just ceased to hold it.
+    """
     own, other, bb = end(dm, i), end(dm, 1 - i), lateral_of(dm, i)
     f_i, f_j = (f_1, f_2) if i == 0 else (f_2, f_1)
     z[ZA], z[ZB1 + i] = 0.0, 0.0
@@ -198,15 +209,18 @@ def hold_or_slip(dm, i, z, f_1, f_2, tol, lost):
     if not lost and hold_left(own.mu_s, f_i, drive / dm.pair.aa, side / bb) >= 0.0:
         return STICK
     d_a, d_b = outward_slip(drive, side, own.mu_hit * f_i * dm.pair.aa, own.mu_hit * f_i * bb)
+    # half of the slip that counts as none: enough for a direction, and twice the slip at which a slip ends
+    # (SLIP_ENDS_AT)
     z[ZA], z[ZB1 + i] = 0.5 * tol * d_a, 0.5 * tol * d_b
     return SLIP
 
 
 @compiled
 def friction_modes(dm, z, modes, tol, lost):
-    """Friction modes of both ends for the present slips and pressures, into `modes`; slips below tol are set to rest.
+    """Write the friction modes of both ends for the present slips and forces into `modes`.
 
-    `lost` says that the hold at rest has just been lost, whatever rounding says of the limit.
+    Slips below tol are set to rest. `lost` says that friction has just ceased to hold an end at rest, whatever rounding
+    says of the limit.
     """
     f_1, f_2 = first_forces(dm, z)
     at_rest_1 = length(z[ZA], z[ZB1]) <= tol
@@ -227,7 +241,10 @@ def friction_modes(dm, z, modes, tol, lost):
 
 @compiled
 def first_forces(dm, z):
-    """Forces in their ratio at a phase's start: k X^eta, or k (-n)^eta where both compressions are only beginning."""
+    """Return forces with the ratio that they have at the start of a phase.
+
+    They are k X^eta, or k (-n)^eta where both compressions are only beginning: there X_i grows as -n_i times tau.
+    """
     if z[ZX1] > 0.0 or z[ZX2] > 0.0:
         return force(dm, 0, z[ZX1]), force(dm, 1, z[ZX2])
     return force(dm, 0, -z[ZN1]), force(dm, 1, -z[ZN2])

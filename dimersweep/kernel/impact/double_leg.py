@@ -1,7 +1,7 @@
-"""One leg of an impact at both ends, from its start to its first event.
+"""Integrate one leg of an impact at both ends, from its start to its first event.
 
-DOP853 integrates it. The direction of a slow slip is stiff, and steps stay within what the method bears: most slips are slow
-for a moment only. One that stays slow, because its drive and friction balance, is soon taken for one that sticks.
+DOP853 integrates it. The direction of a slow slip is stiff, and steps stay within what the method bears: most slips are
+slow for a moment only. A slip that stays slow, because its drive and friction balance, is soon taken for stick.
 """
 
 from math import inf, sqrt
@@ -48,43 +48,53 @@ from dimersweep.kernel.numerics.root_bracket import (
 )
 from dimersweep.kernel.numerics.steps import DOP_STAGES, WIDTH, copy, explicit_step, on_cubic, step_factor
 
-MAX_LEG_STEPS = 1_000_000  # a slip that hardly sets out takes thousands of steps, the smaller the tolerance the more
+# a slip that hardly sets out takes thousands of steps, the smaller the tolerance the more
+MAX_LEG_STEPS = 1_000_000
 N_LEG_EVENTS = 8
-LEG_COST = 0.5  # of a step, in hops of one end: as measured
+LEG_COST = 0.5  # work of a step, in hops of one end: as measured
 OUT_OF_LEG_STEPS, GOES_ON = -1, -2  # in place of an event
-FIRST_LEG_STEP = 4.0  # first step, over the tolerance to the power of 1/8
-LEG_TURNS = 5.5  # of a slip, that a step may span: what the method bears
-LASTS = 30  # steps in a row with a slip that counts as none, after which it sticks where it can be held
-NEAR_PROBE = 0.3  # distance that one evaluation crosses as well as the tolerance, over its cubic root
-ZERO_ERROR = 1e-3  # what an event function may be off its zero, in units of the tolerance
-SLIP_ENDS_AT = 0.25  # slip, in units of the one that counts as none, at which a slip ends: it sets out with more
-UNFORESEEN = 1e-3  # error over the tolerance below which the last step does not show how errors change
-# second step of a leg that sets out uncompressed, over the first: its error does not show how large the next ones are
+# first step, over the tolerance to the power of 1/8 (errors go with the eighth power of a step)
+FIRST_LEG_STEP = 4.0
+# turns of a slip that a step may span: what the method bears before it is unstable
+LEG_TURNS = 5.5
+# steps in a row with a slip that counts as none, after which the end sticks where friction can hold it
+LASTS = 30
+# distance over which a probe is carried on by one midpoint step, over the cubic root of the tolerance: the error of
+# that step goes with its third power
+NEAR_PROBE = 0.3
+ZERO_ERROR = 1e-3  # distance of an event function from its zero, in units of the tolerance, at which it is found
+# slip, in units of the slip that counts as none, at which a slip ends: it sets out with 0.5
+# (`double_equations.hold_or_slip`)
+SLIP_ENDS_AT = 0.25
+# error over the tolerance below which the error of the last step does not show how errors change
+UNFORESEEN = 1e-3
+# second step of a leg that sets out uncompressed, over the first step: the error of the first does not show how large
+# the next errors are
 SECOND_STEP = 0.95
 
 
 class Stride:
-    """What one step of a leg leaves to the next."""
+    """Numbers that one step of a leg leaves to the next step."""
 
     clock: int
     pace: float  # dtau/dsigma of that clock at the start of the step
     h: float  # size of the step, or of the next one
     longest: float
     turning: float  # time in which friction turns the slip that it turns fastest
-    slow: int  # steps in a row after which a slip is so slow that it might be held
-    near: float  # way over which a probe may carry the last one on
-    faint: float  # compression that is worth a gap rate of the tolerance
-    uncompressed: bool  # whether the leg sets out so
-    clock_before: int  # of the last step that was taken, if any, with its size, and its error over the tolerance
+    slow: int  # steps in a row after which a slip is so slow that friction might hold it
+    near: float  # distance over which the last probe may be carried on
+    faint: float  # compression whose energy is worth a gap rate of the tolerance
+    uncompressed: bool  # whether the leg begins with both ends uncompressed
+    clock_before: int  # clock, size and error (over the tolerance) of the last step that was taken, if any
     h_before: float
     error_before: float
 
 
 class LegArrays:
-    """What a step of a leg works on."""
+    """Arrays that a step of a leg works on."""
 
     K: Annotated[list[float], DOP_STAGES, ROW]  # slopes of the stages, the first of them at the start of the step
-    start: Row  # state at the start of the step, and state and rates at its end
+    start: Row  # state at the start of the step; `out`, `rates_out`: state and rates at its end
     out: Row
     rates_out: Row
     scale: Row
@@ -95,7 +105,7 @@ class LegArrays:
 
 
 class Leg(NamedTuple):
-    """A leg of an impact at both ends."""
+    """Leg of an impact at both ends: its dimer, modes, tolerances and arrays."""
 
     dm: Any
     modes: Any
@@ -106,12 +116,12 @@ class Leg(NamedTuple):
     stride: Any
     meter: Any
     bracket: Any
-    b: Any  # what its steps work on (`LegArrays`)
+    b: Any  # arrays of its steps (`LegArrays`)
 
 
 @compiled(inline=True)
 def stage_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
-    """Slopes of a stage of an explicit step; the last entry that it controls is not used."""
+    """Return the slopes of stage i of an explicit step; the last of its eight entries is not used."""
     z, clock = (n_1, n_2, X_1, X_2, a, b_1, b_2), leg.stride.clock
     if leg.n > WIDTH:
         rub_rates(leg.dm, leg.modes, clock, z, leg.b.K[i])
@@ -121,7 +131,7 @@ def stage_slopes(leg, i, n_1, n_2, X_1, X_2, a, b_1, b_2, _):
 
 @compiled(inline=True)
 def leg_rates(leg, z, out):
-    """Rates of a state in the clock of a leg, and of what slip takes, where it is wanted."""
+    """Write the rates of a state in the clock of a leg into `out`, and the works of slip where they are wanted."""
     clock = leg.stride.clock
     impact_rates(leg.dm, leg.modes, leg.b.gains, clock, z, out)
     if leg.n > WIDTH:
@@ -130,17 +140,18 @@ def leg_rates(leg, z, out):
 
 @compiled
 def leg_step(leg, h):
-    """One step of size h from its start into `out`; returns the error over the tolerance."""
+    """Take one step of size h from the start of the step into `out`; return the error over the tolerance."""
     charge(leg.meter, LEG_COST)
     return explicit_step(stage_slopes, leg, h, leg.b.start, leg.b.K, leg.n, leg.b.scale, leg.b.out)
 
 
 @compiled
 def ruling_clock(dm, z, gains, faint):
-    """The clock in which the motion is most regular: of the end whose Y changes fastest (X below `faint` count alike).
+    """Return the clock in which the motion is most regular: that of the end whose Y changes fastest.
 
-    The clock of an end that has gone, with nothing to press any more, would stand still.
-    Ends that move alike go on so to the last digit: without axial slip, which parts them, they have a clock in common.
+    Compressions below `faint` count alike. An end that has gone, with nothing to press any more, has no clock: it would
+    stand still. Ends that move alike have a common clock, so that they stay alike to the last digit. With axial slip,
+    which parts them, they have the plain clock.
     """
     gone_1, gone_2 = z[ZX1] <= 0.0 and z[ZN1] >= 0.0, z[ZX2] <= 0.0 and z[ZN2] >= 0.0
     if gone_1 and gone_2:
@@ -158,13 +169,13 @@ def ruling_clock(dm, z, gains, faint):
 
 @compiled
 def clock_rate(clock, z):
-    """dtau/dsigma of a clock in a state of the plain one."""
+    """Return dtau/dsigma of a clock in a state z of the plain clock."""
     return 1.0 if clock == PLAIN_CLOCK else sqrt(max(0.0, z[ZX2] if clock == 1 else z[ZX1]))
 
 
 @compiled
 def turning_time(dm, modes, z):
-    """Time in which friction turns the slip that it turns fastest; inf if none turns."""
+    """Return the time in tau in which friction turns the slip that it turns fastest; inf if no slip turns."""
     least = inf
     if modes[0] == STICK or modes[1] == STICK:
         return least
@@ -176,7 +187,7 @@ def turning_time(dm, modes, z):
 
 
 class LegEvents(NamedTuple):
-    """A state of a leg in which the event functions are asked for."""
+    """State of a leg in which the event functions are evaluated."""
 
     dm: Any
     modes: Any
@@ -189,10 +200,11 @@ class LegEvents(NamedTuple):
 
 @compiled(inline=True)
 def event_value(at, k):
-    """Event function k of a phase, positive while the phase goes on; inf where it has no meaning.
+    """Return event function k of a leg, positive while the leg goes on; inf where it has no meaning.
 
-    0, 1: gap rate of p1, p2 against the phase; 2, 3: compression left; 4, 5: reserve of the friction that holds;
-    6, 7: slip along its direction at `base`, the start of the step (so that a passage through zero changes sign).
+    Of p1 and p2, 0 and 1 are the gap rates against compression or restitution; 2 and 3 are the compressions left in
+    restitution; 4 and 5 are the reserves of the friction that holds; 6 and 7 are the slips along their directions at
+    `base`, the start of the step (so that a passage through zero changes the sign).
     """
     dm, z, base, i = at.dm, at.z, at.base, k % 2
     if k < 2:
@@ -200,7 +212,7 @@ def event_value(at, k):
     if k < 4:
         return inf if at.compressing[i] > 0.0 else z[ZX1 + i]
     if k < 6:
-        # all force vanishes where an impact ends: only its ratios decide
+        # all forces vanish where an impact ends: only their ratios decide
         f_1, f_2 = forces(dm, z, at.clock)
         return stick_reserve(dm, at.modes, i, z, f_1, f_2) / (f_1 + f_2) if f_1 + f_2 > 0.0 else 1.0
     if at.modes[i] == STICK or end(dm, i).mu_hit == 0.0:
@@ -211,13 +223,13 @@ def event_value(at, k):
 
 @compiled
 def least_event(at, armed):
-    """Least of the armed event functions, and its number (inf and -1 if none is armed)."""
+    """Return the least armed event function and its number (inf and -1 if none is armed)."""
     return least_armed(event_value, at, armed, N_LEG_EVENTS)
 
 
 @compiled(inline=True)
 def least_value(leg, z):
-    """The same in the state z in a step."""
+    """Return the least armed event function and its number in the state z in a step; see `least_event`."""
     at = LegEvents(leg.dm, leg.modes, leg.compressing, leg.stride.clock, leg.b.start, z, leg.slip_tol)
     return least_event(at, leg.b.armed)
 
@@ -231,7 +243,7 @@ def arm_events(leg, z):
 
 @compiled(inline=True)
 def heed_slips(leg, z):
-    """Have the step leave a slip about a tenth of itself where friction has it decrease."""
+    """Shorten the step so that a slip that friction decreases keeps about a tenth of itself at the end."""
     rates = leg.b.K[0]
     for i in range(2):
         v = length(z[ZA], z[ZB1 + i])
@@ -243,7 +255,7 @@ def heed_slips(leg, z):
 
 @compiled
 def might_stick(dm, modes, z, slip_tol):
-    """Number of an end whose slip counts as none and that friction can hold, -1 if there is none.
+    """Return the number of an end whose slip counts as none and that friction can hold, -1 if there is none.
 
     Where drive and friction balance, a slip goes on at a speed below all that counts.
     """
@@ -259,14 +271,18 @@ def might_stick(dm, modes, z, slip_tol):
 
 @compiled
 def foreseen(h, error, h_before, error_before):
-    """By what to multiply a step, if errors go on to change as from the step before to this one (Gustafsson's controller)."""
+    """Return the factor for the next step, if errors go on to change as from the step before to this one.
+
+    This is Gustafsson's controller.
+    """
     root = sqrt(sqrt(sqrt(max(error_before, UNFORESEEN) / max(error * error, 1e-30))))
-    return max(0.3, 0.9 * h / h_before * root)  # an eighth root: the errors go with the eighth power of the step
+    # an eighth root: the errors go with the eighth power of the step
+    return max(0.3, 0.9 * h / h_before * root)
 
 
 @compiled(inline=True)
 def begin_leg(leg, z, e):
-    """The gains of the compressions, event functions that are positive already, and the first guess of a step."""
+    """Set the gains of the compressions, the event functions that are positive already, and the first step."""
     s = leg.stride
     for i in range(2):
         leg.b.gains[i] = 1.0 if leg.compressing[i] > 0.0 else 1.0 / (e[i] * e[i])
@@ -274,10 +290,11 @@ def begin_leg(leg, z, e):
         leg.b.armed[k] = 0.0
     s.clock = PLAIN_CLOCK
     arm_events(leg, z)
-    for k in range(N_Z, leg.n):  # what lies beyond the state
+    for k in range(N_Z, leg.n):  # the unused entry and the works
         z[k], leg.b.K[0, k], leg.b.rates_probe[k] = 0.0, 0.0, 0.0
     for k in range(WIDTH):
         leg.b.scale[k] = leg.tol
+    # 0.4: the root of the energy goes with X^(5/4) for Hertz's law, and is to be half a power of the tolerance
     s.faint = nearly_raised(leg.tol, 0.4)
     s.clock, s.longest = ruling_clock(leg.dm, z, leg.b.gains, s.faint), 1.0 / sqrt(max(leg.b.gains[0], leg.b.gains[1]))
     s.h = FIRST_LEG_STEP * eighth_root(leg.tol) * s.longest
@@ -286,7 +303,7 @@ def begin_leg(leg, z, e):
 
 @compiled(inline=True)
 def begin_step(leg, z):
-    """The state and the rates at the start of a step, in the clock that suits, and what bounds its size."""
+    """Set the state and the rates at the start of a step, in the clock that suits, and bound the size of the step."""
     dm, modes, s = leg.dm, leg.modes, leg.stride
     s.turning = turning_time(dm, modes, z)
     last, s.clock = s.clock, ruling_clock(dm, z, leg.b.gains, s.faint)
@@ -303,7 +320,7 @@ def begin_step(leg, z):
 
 @compiled(inline=True)
 def step_on(leg, z):
-    """Take one step, or find that it has to be shorter; returns the event that ends the leg, or GOES_ON."""
+    """Take one step, or shorten it; return the event that ends the leg, or GOES_ON."""
     s = leg.stride
     begin_step(leg, z)
     error = leg_step(leg, s.h)
@@ -339,8 +356,9 @@ def step_on(leg, z):
 
 @compiled
 def double_leg(d, tol, work):
-    """Integrate an impact from its state z, in place, to the first event of the leg; returns its number, or OUT_OF_LEG_STEPS,
-    also where the meter is over.
+    """Integrate an impact from its state z, in place, to the first event of the leg; return the number of the event.
+
+    Return OUT_OF_LEG_STEPS at the bound on steps, and also where the meter is over.
     """
     n, stride = N_RUBBED if work.course[0].tally.wanted else WIDTH, work.course[0].stride
     leg = Leg(d.dm, d.modes, d.compressing, tol, d.slip_tol, n, stride, work.meter, work.bracket, work.impact[0].leg)
@@ -359,14 +377,14 @@ def double_leg(d, tol, work):
 
 @compiled(inline=True)
 def value_on_cubic(leg, share):
-    """The least event function on the cubic through the ends of the step, at a share of it."""
+    """Return the least event function on the cubic through the ends of the step, at a share of it."""
     on_cubic(leg.b.start, leg.b.K[0], leg.b.out, leg.b.rates_out, share, leg.stride.h, N_Z, leg.b.probe)
     return least_value(leg, leg.b.probe)[0]
 
 
 @compiled(inline=True)
 def probe_step(leg, t):
-    """Take the step up to t, or carry the last probe on (or back) to t, by the midpoint rule, where that is near.
+    """Take the step up to t, or carry the last probe on (or back) to t by the midpoint rule, where that is near.
 
     Returns
     -------
@@ -389,10 +407,10 @@ def probe_step(leg, t):
 
 @compiled(inline=True)
 def first_crossing(leg, event, least):
-    """Number of the first event in a step over which the least event function fell to `least`; `out` becomes its state.
+    """Locate the first event in a step over which the least event function fell to `least`; `out` becomes its state.
 
-    UNSOUND where a probe is refused. A probe at a time t is a step up to t. Where t differs from the time of the last probe by
-    a small part of the time in which the motion changes, the last probe is carried on to t instead.
+    Return its number, or UNSOUND where a probe is refused. A probe at a time t is a step up to t. The last probe is
+    carried on to t instead, where t differs from its time by a small part of the time in which the motion changes.
     """
     s, bracket, smooth = leg.stride, leg.bracket[0], event < 6
     g_low, _ = least_value(leg, leg.b.start)

@@ -1,6 +1,8 @@
-"""A leg of an impact at one end in powers of xi, with dP = v dxi: its expansion, how far that reaches, and where it vanishes.
+"""Expand a leg of an impact at one end in powers of xi, with dP = v dxi.
 
-In that clock the slip direction is not stiff at small slip, and one expansion gives a leg with all its events.
+The module also finds how far an expansion reaches and where it vanishes. In the clock xi the slip direction is not
+stiff at small slip, and one expansion gives a leg with all its events. An array c of expansions has a row of
+coefficients for each quantity.
 """
 
 from math import inf, sqrt
@@ -8,11 +10,18 @@ from math import inf, sqrt
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.numerics.elementary import length, multiplied, nearly_raised
 
-LEAST_ORDER, ORDER = 4, 15  # of the expansion of a leg with a turning slip direction
-PAST_LEG = 1.1  # how far past the likely end of a leg its expansion is to reach
-SLACK = 0.5  # ratio of two terms there from which an expansion is taken to the highest order at once
-NEWTON_DONE = 1e-8  # step of Newton's rule, in units of its place, after which it is done
-ROUNDED_VELOCITY = 1e-15  # error of a velocity, in units of itself, that no step improves
+# orders of the expansion of a leg with a turning slip direction
+LEAST_ORDER, ORDER = 4, 15
+# place up to which the expansion of a leg is to reach, over the likely end of the leg: slightly beyond, so that it has
+# the end
+PAST_LEG = 1.1
+# ratio of the last two terms at the likely end, above which an expansion is taken to the highest order at once: the
+# terms fall slowly
+SLACK = 0.5
+# step of Newton's rule, in units of its place, after which it is done: the next step would be the square of this
+NEWTON_DONE = 1e-8
+# error of a velocity, in units of the velocity, that no step improves: some units of round-off
+ROUNDED_VELOCITY = 1e-15
 INVERSE = tuple(1.0 / (j + 1.0) for j in range(ORDER))
 # its rows: slip, axial slip, impulse, gap rates of both ends, energy
 A_V, A_A, A_P, A_N, A_J, A_E, EXPANSION_ROWS = range(7)
@@ -20,7 +29,7 @@ A_V, A_A, A_P, A_N, A_J, A_E, EXPANSION_ROWS = range(7)
 
 @compiled
 def begin_expansion(blow, c):
-    """First coefficients of a leg's expansion; returns that of b^2."""
+    """Write the first coefficients of the expansion of a leg into c; return the first coefficient of b^2."""
     c[A_V, 0] = length(blow.a, blow.b)
     c[A_A, 0], c[A_P, 0], c[A_N, 0], c[A_J, 0], c[A_E, 0] = blow.a, 0.0, blow.n, blow.n_j, blow.E
     return blow.b * blow.b
@@ -28,15 +37,16 @@ def begin_expansion(blow, c):
 
 @compiled(fuse=True, inline=True)
 def expand(law, gain, fading, first, order, c):
-    """Taylor coefficients of a leg in xi beyond xi**first up to xi**order, into the rows of c: A_V, A_A, A_P, A_N, A_J, A_E.
+    """Write the Taylor coefficients of a leg in xi beyond xi**first up to xi**order into the rows of c.
 
-    With dP = v dxi both slips have linear laws, a' = W_na v - mu W_aa a and b' = -mu W_bb b, so that b is an exponential
-    and v = sqrt(a^2 + b^2) the only function to expand. `fading` is the coefficient of b^2 at xi**first; returns that at
-    xi**order.
+    With dP = v dxi both slips have linear laws, a' = W_na v - mu W_aa a and b' = -mu W_bb b. So b is an exponential,
+    and v = sqrt(a^2 + b^2) is the only function to expand. `fading` is the coefficient of b^2 at xi**first; return the
+    one at xi**order.
     """
     inverse = 1.0 / c[A_V, 0]
     for j in range(first, order):
-        if j > 0:  # the newest coefficients are added last: the processor need not wait for them with the others
+        # the newest coefficients are added last: the processor need not wait for them with the others
+        if j > 0:
             rest, middle = 0.5 * fading, j // 2
             if j % 2 == 0:
                 rest += 0.5 * (c[A_A, middle] * c[A_A, middle] - c[A_V, middle] * c[A_V, middle])
@@ -59,7 +69,7 @@ def expand(law, gain, fading, first, order, c):
 
 @compiled(fuse=True)
 def at(c, row, order, xi):
-    """Value and slope of an expansion at xi."""
+    """Return the value and the slope of an expansion at xi."""
     value, slope = c[row, order], 0.0
     for j in range(order - 1, -1, -1):
         slope = slope * xi + value
@@ -69,7 +79,7 @@ def at(c, row, order, xi):
 
 @compiled
 def square_integral(c, row, order, xi):
-    """Integral of the square of an expansion up to xi, from its coefficients below xi**order."""
+    """Return the integral of the square of an expansion up to xi, from its coefficients below xi**order."""
     total = 0.0
     for j in range(order - 1, -1, -1):
         square = 0.0
@@ -81,20 +91,20 @@ def square_integral(c, row, order, xi):
 
 @compiled
 def unseen(c, v, tol):
-    """Size of a term of the expansions that is none."""
+    """Return the size below which a term of the expansions counts as none, for a slip v and a tolerance tol."""
     return max(0.1 * min(tol, 0.01 * v), ROUNDED_VELOCITY * max(v, abs(c[A_N, 0])))
 
 
 @compiled
 def term(c, j):
-    """Largest coefficient of xi**j; an energy counts by the rate that it gives."""
+    """Return the largest coefficient of xi**j; an energy counts by the rate that it gives."""
     energy = abs(c[A_E, j]) / max(1.0, sqrt(c[A_E, 0]))
     return max(abs(c[A_A, j]), max(abs(c[A_P, j]), max(abs(c[A_N, j]), energy)))
 
 
 @compiled
 def step_reach(c, order, small):
-    """Step over which the last terms of the expansions stay below `small`, and well inside their convergence."""
+    """Return the step over which the last terms of the expansions stay below `small`, well inside their convergence."""
     last, before = term(c, order), term(c, order - 1)
     h = nearly_raised(small / last, 1.0 / order) if last > 0.0 else inf
     if before * multiplied(min(h, 1e9), order - 1) > small:
@@ -104,7 +114,7 @@ def step_reach(c, order, small):
 
 @compiled
 def likely_end(c, compressing):
-    """Where a leg has ended by the first three terms of its expansion; or inf."""
+    """Return PAST_LEG times the place at which a leg ends by the first three terms of its expansion; or inf."""
     if compressing:
         return PAST_LEG * parabola_zero(-c[A_N, 0], -c[A_N, 1], -c[A_N, 2])
     return PAST_LEG * parabola_zero(c[A_E, 0], c[A_E, 1], c[A_E, 2])
@@ -112,7 +122,10 @@ def likely_end(c, compressing):
 
 @compiled
 def expand_to_end(law, gain, compressing, fading, small, c):
-    """Expand a leg to the order that reaches its end, or to the highest one; returns the order and the step it is good for."""
+    """Expand a leg to the order that reaches its end, or to the highest order.
+
+    Return the order and the step over which the expansion is good.
+    """
     order = LEAST_ORDER
     fading = expand(law, gain, fading, 0, order, c)
     end = likely_end(c, compressing)
@@ -130,7 +143,7 @@ def expand_to_end(law, gain, compressing, fading, small, c):
 
 @compiled
 def parabola_zero(c0, c1, c2):
-    """First zero of c0 + c1 x + c2 x^2 at x > 0, from c0 > 0; inf if there is none."""
+    """Return the first zero of c0 + c1 x + c2 x^2 at x > 0, for c0 > 0; inf if there is none."""
     disc = c1 * c1 - 4.0 * c0 * c2
     if disc < 0.0:
         return inf
@@ -140,10 +153,11 @@ def parabola_zero(c0, c1, c2):
 
 @compiled(fuse=True)
 def first_zero(c, row, order, sign, h):
-    """First zero in (0, h] of an expansion, of the given sign before, whose slope changes sign at most once; else inf.
+    """Return the first zero in (0, h] of an expansion, which has the given sign before it; inf if there is none.
 
-    It is looked for from that of the first three terms: a fast slip has its events at a tiny part of the interval. A dip
-    below zero between positive ends is looked for at the bottom of it.
+    The slope of the expansion must change its sign at most once. The zero is looked for from the zero of the first
+    three terms: a fast slip has its events at a tiny part of the interval. A dip below zero between positive ends is
+    looked for at its bottom.
     """
     low, high = 0.0, h
     end, slope_end = at(c, row, order, h)
@@ -167,7 +181,10 @@ def first_zero(c, row, order, sign, h):
 
 @compiled(fuse=True)
 def zero_between(c, row, order, sign, low, high, x):
-    """Zero of an expansion between two places, of the given sign at the first only; by bracketed Newton steps from x."""
+    """Return the zero of an expansion between `low` and `high`, with the given sign at `low` only.
+
+    It is found by bracketed Newton steps from x.
+    """
     if not low < x < high:
         x = high
     for _ in range(100):
@@ -177,6 +194,7 @@ def zero_between(c, row, order, sign, low, high, x):
         if not low <= new <= high:
             new = 0.5 * (low + high)
         x, step = new, new - x
-        if abs(step) <= NEWTON_DONE * x:  # the next step of Newton's rule would be below round-off
+        # the next step of Newton's rule would be below round-off
+        if abs(step) <= NEWTON_DONE * x:
             break
     return x

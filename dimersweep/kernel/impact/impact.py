@@ -1,4 +1,7 @@
-"""An impact from its first touch to its last: which ends act, phase by phase, and what (5) makes of the body's velocities."""
+"""Follow an impact from its first touch to its last, phase by phase.
+
+A phase has the same ends acting throughout. The impulses change the velocities of the body by (5).
+"""
 
 from math import copysign
 from typing import Any, NamedTuple
@@ -44,18 +47,22 @@ from dimersweep.kernel.numerics.elementary import length, raised
 from dimersweep.kernel.numerics.meter import charge
 from dimersweep.kernel.numerics.steps import copy
 
-MAX_PHASES = 2000  # switches of two ends, a series that ends by `LEFT_OVER` long before
-PHASE_COST = 1.0  # of a phase of an impact at both ends besides its steps, in hops of one end
-LEFT_OVER = 1e-3  # approach, in tolerances, that ends the series of switches of two ends at small e
-FINEST = 1e-13  # least approach, in V, and tolerance of a leg: what round-off allows
-DOUBLE_TOL = 0.2  # of the integrator of a double impact, in units of the impact's tolerance: its steps add up
-NO_REBOUND = 0.1  # rebound that is none, in units of the impact's tolerance
-LEAST_SLIP = 1e-12  # slip, in units of V, whose setting out of rest the integrator can still follow
-IMPACT_SLIP_SCALE = 0.1  # slip that counts as none, in units of the impact's tolerance
+# switches between two ends at most: a series that `LEFT_OVER` ends long before
+MAX_PHASES = 2000
+PHASE_COST = 1.0  # work of a phase of an impact at both ends besides its steps, in hops of one end
+# approach, in tolerances, below which an end is not loaded: it ends the series of switches between two ends at small e
+LEFT_OVER = 1e-3
+FINEST = 1e-13  # least approach, in V, and least tolerance of a leg: what round-off allows
+# tolerance of the integrator of a double impact, in units of the tolerance of the impact: the errors of its steps add
+# up
+DOUBLE_TOL = 0.2
+NO_REBOUND = 0.1  # rebound that counts as none, in units of the tolerance of the impact
+LEAST_SLIP = 1e-12  # least slip, in units of V, that the integrator can still follow when it sets out from rest
+IMPACT_SLIP_SCALE = 0.1  # slip that counts as none, in units of the tolerance of the impact
 
 
 class ImpactArrays:
-    """What an impact at both ends works on."""
+    """Arrays that an impact at both ends works on."""
 
     leg: LegArrays
     z: Row  # see `DoubleImpact`
@@ -67,13 +74,13 @@ class ImpactArrays:
 
 
 class DoubleImpact(NamedTuple):
-    """An impact at both ends on its way."""
+    """Impact at both ends on its way; velocities in units of the approach speed V."""
 
     dm: Any
     modes: Any  # friction modes of both ends
     V: float  # approach speed [m/s]
     slip_tol: float  # slip that counts as none [V]
-    left: float  # gap rate that counts as none [V], and the compression that is worth it
+    left: float  # gap rate that counts as none [V]; `least`: the compression that is worth as much
     least: float
     z: Any  # the contact velocities and the compressions
     start: Any  # those before the impact
@@ -85,17 +92,17 @@ class DoubleImpact(NamedTuple):
 
 @compiled
 def restitution(p, V, tol):
-    """Coefficient of restitution of an end in an impact with the approach speed V [m/s].
+    """Return the coefficient of restitution of an end in an impact with the approach speed V [m/s].
 
-    It is 0 where the rebound is far below the tolerance: its time scale, e, would be too short. For slow impacts it must come
-    to p.e, with which the end of a chatter is summed.
+    It is 0 where the rebound is far below the tolerance: e is the time scale of restitution, which would be too short.
+    For slow impacts it must come to p.e, with which the end of a chatter is summed.
     """
     return p.e if p.e > NO_REBOUND * tol else 0.0
 
 
 @compiled
 def end_law(dm, i, both, sin_b, cos_b, e):
-    """The law of an impact at end i, with its coefficient of restitution; `both` as in EndLaw."""
+    """Return the law of an impact at end i, with its coefficient of restitution; `both` is that of `EndLaw`."""
     p = end(dm, i)
     own, other = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     w, wj = delassus(dm, own, own), delassus(dm, other, own)
@@ -105,16 +112,20 @@ def end_law(dm, i, both, sin_b, cos_b, e):
 
 @compiled
 def is_loaded(d, i):
-    """Whether end i is compressed or approaches, by more than the gap rate `left`, or the compression `least` worth as much."""
+    """Return True if end i is compressed or approaches the plate.
+
+    It must be by more than the gap rate `left`, or the compression `least` that is worth as much.
+    """
     X, n = d.z[ZX1 + i], d.z[ZN1 + i]
     return n < -d.left or d.least < X or (X > 0.0 and n > d.left)
 
 
 @compiled
 def acts(d, i):
-    """Whether end i acts now or is about to: it is loaded, or the force at the other end drives it towards the plate from rest.
+    """Return True if end i acts now or is about to act.
 
-    At rest and uncompressed, an end is driven by the other one alone, with the friction that other end has.
+    It acts if it is loaded, or if the force at the other end drives it from rest towards the plate. At rest and
+    uncompressed, an end is driven by the other end alone, with the friction of that end.
     """
     if is_loaded(d, i):
         return True
@@ -134,7 +145,7 @@ def acts(d, i):
 
 @compiled
 def single_impact(dm, state, i, V, tol, work, log):
-    """Impact at end i while the other one is off the plate; updates the state.
+    """Resolve an impact at end i while the other end is off the plate; the state is updated.
 
     Returns
     -------
@@ -175,7 +186,7 @@ def single_impact(dm, state, i, V, tol, work, log):
 
 @compiled
 def note_single(work, row, i, V, unit, impulses, slipping):
-    """Note the works of a phase at end i alone, and of its impulses (normal, axial, lateral)."""
+    """Note the works of a phase at end i alone, and its impulses (normal, axial, lateral)."""
     P, A, B = impulses
     rest, slip = works_of_one(i, work.course[0].blow, slipping)
     P_1, B_1, P_2, B_2 = (P, B, 0.0, 0.0) if i == 0 else (0.0, 0.0, P, B)
@@ -184,7 +195,11 @@ def note_single(work, row, i, V, unit, impulses, slipping):
 
 @compiled
 def works_of_one(i, blow, slipping):
-    """What restitution takes at both ends and what slip does, where end i acts alone: up to its sticking, or what is left."""
+    """Return the works of restitution and of slip at both ends, where end i alone acts.
+
+    They are those up to the moment at which it sticks, if it is `slipping`; else those that are left. They are taken
+    off `blow`.
+    """
     rest, slip = blow.rest_s if slipping else blow.rest, blow.slip
     blow.rest, blow.slip = blow.rest - rest, 0.0
     return ((rest, 0.0), (slip, 0.0)) if i == 0 else ((0.0, rest), (0.0, slip))
@@ -192,7 +207,7 @@ def works_of_one(i, blow, slipping):
 
 @compiled
 def apply_impulse(dm, state, lv, P, A, B):
-    """Add impulses at an end with the given levers to the body's velocities (gap rates apart), by (5)."""
+    """Add impulses at an end with the given levers to the velocities of the body (gap rates apart), by (5)."""
     state[CA] += A / dm.m
     state[CB] += B / dm.m
     state[WB] += (lv.n * P + lv.a * A) / dm.J_t
@@ -202,7 +217,7 @@ def apply_impulse(dm, state, lv, P, A, B):
 
 @compiled
 def begin_double(d, state, tol):
-    """Contact velocities at a double contact in units of V, uncompressed, and the restitution of both ends."""
+    """Set contact velocities at a double contact, in units of V, and the restitution of both ends; no compression."""
     dm, z, V = d.dm, d.z, d.V
     z[ZN1], z[ZN2] = state[N1] / V, state[N2] / V
     z[ZX1], z[ZX2] = 0.0, 0.0
@@ -218,7 +233,10 @@ def begin_double(d, state, tol):
 
 @compiled
 def impulses_between(d, start, z):
-    """Normal impulses (P_1, P_2), axial sum A and laterals (B_1, B_2) that lead from `start` to z [kg m/s]."""
+    """Return the impulses that lead from the contact velocities `start` to z [kg m/s].
+
+    They are the normal impulses P_1, P_2, the axial sum A and the lateral impulses B_1, B_2.
+    """
     dm, V = d.dm, d.V
     p, q = level_levers(dm)
     d_n1, d_n2 = (z[ZN1] - start[ZN1]) * V, (z[ZN2] - start[ZN2]) * V
@@ -233,7 +251,7 @@ def impulses_between(d, start, z):
 
 @compiled
 def double_impact(dm, state, V, tol, modes, work, log):
-    """Impact with both ends on the plate; updates the state and the friction modes of the ends.
+    """Resolve an impact with both ends on the plate; the state and the friction modes of the ends are updated.
 
     Returns
     -------
@@ -242,7 +260,8 @@ def double_impact(dm, state, V, tol, modes, work, log):
     """
     slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), slip_rounding(dm, state) / V)
     left, leg_tol = max(LEFT_OVER * tol, FINEST), max(DOUBLE_TOL * tol, FINEST)
-    least = raised(left, 2.0 / (dm.eta + 1.0))  # the root of E, which goes with X^(eta + 1), is worth a gap rate
+    # the root of E, which goes with X^(eta + 1), is worth a gap rate
+    least = raised(left, 2.0 / (dm.eta + 1.0))
     b = work.impact[0]
     z, start, before, mid, compressing = b.z, b.start, b.before, b.mid, b.compressing
     d = DoubleImpact(dm, modes, V, slip_tol, left, least, z, start, before, mid, compressing, b.e)
@@ -252,7 +271,8 @@ def double_impact(dm, state, V, tol, modes, work, log):
     for _ in range(MAX_PHASES):
         charge(work.meter, PHASE_COST)
         for i in range(2):
-            if not is_loaded(d, i):  # an end that is not loaded has no compression left
+            # an end that is not loaded has no compression left, and would begin with compression again
+            if not is_loaded(d, i):
                 z[ZX1 + i], compressing[i] = 0.0, 1.0
         on_1, on_2 = acts(d, 0), acts(d, 1)
         if not on_1 and not on_2:
@@ -299,14 +319,20 @@ def double_impact(dm, state, V, tol, modes, work, log):
 
 @compiled
 def rest_work(d, i):
-    """Work of the normal impulse at end i over a leg: what its energy loses, times e^2 in restitution."""
+    """Return the work of the normal impulse at end i over a leg.
+
+    It is the loss of the stored energy, times e^2 in restitution.
+    """
     lost = stored_energy(d.dm, i, d.before[ZX1 + i]) - stored_energy(d.dm, i, d.z[ZX1 + i])
     return lost if d.compressing[i] > 0.0 else d.e[i] * d.e[i] * lost
 
 
 @compiled
 def note_phase(d, z, code, works, rows, work, log):
-    """Note a phase up to z, its works (what restitution takes, and slip) and its contact state; returns the rows logged."""
+    """Note a phase of a double impact that ends at z; return the number of rows in the log.
+
+    It has the contact state `code`. `works` are the works of restitution and of slip.
+    """
     impulses, V = impulses_between(d, d.before, z), d.V
     if work.course[0].tally.wanted:
         note_struck(work, rows, d.dm.m * V * V, works[0], works[1], impulses)
@@ -317,9 +343,10 @@ def note_phase(d, z, code, works, rows, work, log):
 
 @compiled
 def settle_event(d, event):
-    """Make the outcome of an event exact: the function that vanished is zero, at both ends if they move alike.
+    """Make the state after an event exact: the function that vanished is zero, at both ends if they move alike.
 
-    The other end may have passed an event of its own in the same rounding: what its state says then holds for it too.
+    The other end may have passed an event of its own within the same rounding. Then its direction, compression or
+    restitution, is set to what its state says.
     """
     z, compressing, i = d.z, d.compressing, event % 2
     j = 1 - i
@@ -346,9 +373,9 @@ def settle_event(d, event):
 
 @compiled
 def follow_acceleration(d):
-    """An end with compression left whose gap rate is exactly zero goes where its acceleration says.
+    """Turn each compressed end whose gap rate is exactly zero to where its acceleration leads.
 
-    Returns whether an end without restitution has lost its energy so, and the phase with it.
+    Return True if an end without restitution has so lost its energy, which ends the phase.
     """
     z, rates, gone = d.z, d.mid, False
     for i in range(2):
@@ -362,7 +389,10 @@ def follow_acceleration(d):
 
 @compiled
 def turn(d, i):
-    """End i passes from compression to restitution or back; its energy is lost where it is not worth the gap rate `left`."""
+    """Turn end i from compression to restitution or back.
+
+    Its energy is lost where it is worth no more than the gap rate `left`.
+    """
     d.compressing[i] = -d.compressing[i]
     if d.e[i] * raised(max(0.0, d.z[ZX1 + i]), 0.5 * (d.dm.eta + 1.0)) <= d.left:
         d.z[ZX1 + i] = 0.0
@@ -371,10 +401,11 @@ def turn(d, i):
 
 @compiled
 def single_end_phase(d, i, work):
-    """Phase of a double impact in which only end i acts: the state, the modes and the direction of compression after it.
+    """Follow the phase of a double impact in which only end i acts.
 
-    Where the end slipped first and stuck then, the velocities at that moment are in `mid`. Returns OK, OTHER, or why it cannot
-    go on.
+    The state, the modes and the direction of compression become those after it. Where the end first slipped and then
+    stuck, the velocities at that moment are written into `mid`. Return OK, OTHER, or the status if the phase cannot go
+    on.
     """
     dm, z, mid, j = d.dm, d.z, d.mid, 1 - i
     law, blow = end_law(dm, i, 1.0, dm.sin_0, dm.cos_0, d.e[i]), work.course[0].blow

@@ -1,13 +1,13 @@
-"""Impact at one end: (7) with the end's own normal impulse P as time and the friction of (4), and its closed forms.
+"""Resolve an impact at one end by (7) and the friction of (4), with its closed forms.
 
-With one contact acting, dP is the clock: n' = W_nn - mu W_na cos(phi), and the slip (v, phi) obeys
+With one contact acting, its normal impulse P is the clock: n' = W_nn - mu W_na cos(phi), and the slip (v, phi) obeys
 
     v'     = W_na cos(phi) - mu (W_aa cos^2(phi) + W_bb sin^2(phi))
     v phi' = sin(phi) (mu (W_aa - W_bb) cos(phi) - W_na).
 
-Sticking, absent friction and slip along an invariant direction (phi' = 0) make every rate constant: closed form. Between
-them a leg is expanded in powers of xi, with dP = v dxi (``expansion``). Velocities are in units of the approach speed V,
-impulses of m V, energies of m V^2, the Delassus operator of 1/m.
+Stick, slip without friction and slip along an invariant direction (phi' = 0) make every rate constant: closed form.
+Between them a leg is expanded in powers of xi, with dP = v dxi (``expansion``). Velocities are in units of the approach
+speed V, impulses of m V, energies of m V^2, the Delassus operator of 1/m.
 """
 
 from math import copysign, inf, sqrt
@@ -33,19 +33,25 @@ from dimersweep.kernel.model.layout import IMPACT_STEPS, JAMMED, OK, SLIP, STICK
 from dimersweep.kernel.numerics.elementary import exp, length, log
 from dimersweep.kernel.numerics.meter import charge, is_over
 
-OTHER, LEG = -1, -2  # in place of a status: the other end begins to be compressed; the impact goes on with the next leg
-MAX_LEGS = 200  # an impact has a few: it compresses, slips, sticks and is restored
+# in place of a status: the other end begins to be compressed; the impact goes on with the next leg
+OTHER, LEG = -1, -2
+MAX_LEGS = 200  # an impact has a few legs: compression, slip, stick, restitution
 MAX_SINGLE_STEPS = 2000  # expansions of a leg
-EXPANSION_COST = 0.35  # of a step by expansion, in hops of one end: as measured
-OFF_AXIS = 0.1  # sine of the angle to an axial direction below which slip is taken along that
-INVARIANT = 1e-14  # rate of turning (per xi) below which any slip direction counts as invariant
-# effect on the rates, in tolerances, of what is left of the turning towards an attracting direction: motions amplify it
+EXPANSION_COST = 0.35  # work of a step by expansion, in hops of one end: as measured
+# sine of the angle to an axial direction, below which an invariant slip is taken for axial
+OFF_AXIS = 0.1
+# rate of turning (per xi) below which any slip direction counts as invariant: round-off
+INVARIANT = 1e-14
+# effect on the rates, in tolerances, that may be left of the turning to an attracting direction: small, as motions
+# amplify it
 ATTRACTED = 1e-4
-CONVERGES, MAX_TERMS = 0.4, 80  # ratio of the terms in closed form below which they are summed, and the most of them
+# ratio of the terms of a series in closed form, below which they are summed, and the number of terms at most: 0.4^80 is
+# far below round-off
+CONVERGES, MAX_TERMS = 0.4, 80
 
 
 class EndLaw(NamedTuple):
-    """What governs the impact at one end while nothing acts at the other."""
+    """Delassus operator, restitution and friction of an impact at one end while nothing acts at the other."""
 
     nn: float  # Delassus operator of the end, in units of 1/m
     na: float
@@ -53,35 +59,36 @@ class EndLaw(NamedTuple):
     bb: float
     nn_j: float  # gap rate of the other end per normal and per axial impulse here
     na_j: float
-    both: float  # 1.0 if the other end is closed (and may be set in motion towards the plate), else 0.0
+    both: float  # 1.0 if the other end is closed (and may be driven to the plate), else 0.0
     e: float
     mu: float
     mu_s: float
 
 
 class Blow:
-    """An impact at one end on its way: velocities in units of the approach speed V, impulses of m V, energies of m V^2."""
+    """Impact at one end on its way: velocities in units of the approach speed V, impulses of m V, energies of m V^2."""
 
     n: float  # gap rate of the end, its axial and its lateral velocity
     a: float
     b: float
-    E: float  # elastic energy that is stored there
+    E: float  # elastic energy that is stored in the contact
     n_j: float  # gap rate of the other end
     compressing: bool
-    mode: int  # STICK or SLIP, in the last leg
+    mode: int  # friction mode in the last leg, STICK or SLIP
     P: float  # impulses so far: normal, axial, lateral
     A: float
     B: float
-    rest: float  # works so far: what restitution takes, and, where works are wanted, what slip does
+    rest: float  # works so far: of restitution, and, where works are wanted, of slip
     slip: float
-    P_s: float  # of these, what came before the end stuck (all if it slips to the end): it does not slip again once it sticks
+    # the part of these before the end stuck (all if it slips to the end): it does not slip again once it sticks
+    P_s: float
     A_s: float
     rest_s: float
 
 
 @compiled
 def begin_blow(blow, n, a, b, E, n_j):
-    """Begin an impact, or go on with it, from the velocities of the end, its energy and the gap rate of the other end."""
+    """Begin an impact, or go on with it, from the velocities of the end, its energy and the other end's gap rate."""
     blow.n, blow.a, blow.b, blow.E, blow.n_j = n, a, b, E, n_j
     blow.compressing, blow.mode = n < 0.0 or E == 0.0, SLIP
     blow.P, blow.A, blow.B, blow.rest, blow.slip = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -90,23 +97,24 @@ def begin_blow(blow, n, a, b, E, n_j):
 
 @compiled(inline=True)
 def gain(law, blow):
-    """Energy that a normal work takes from what is stored, in units of that work."""
+    """Return the energy that a normal work takes from the stored energy, in units of that work."""
     return 1.0 if blow.compressing else 1.0 / max(law.e * law.e, 1e-300)
 
 
 @compiled
 def turning(law, c, s):
-    """dphi/dxi at the slip direction (c, s), and its derivative with respect to phi (negative: attracting)."""
+    """Return dphi/dxi at the slip direction (c, s), and its derivative with respect to phi (negative: attracting)."""
     spread = law.mu * (law.aa - law.bb)
     return s * (spread * c - law.na), c * (spread * c - law.na) - spread * s * s
 
 
 @compiled
 def turns_away(law, c):
-    """Whether a slip near zero along (c, s), with s != 0, only turns round there and grows again.
+    """Return True if a slip near zero along (c, s), with s != 0, only turns round there and grows again.
 
-    Its direction tends to the way that W_na drives it, where it grows if |W_na| > mu W_aa, unless it is nearer to an
-    attracting direction in which it dies out. At no tolerance does such a slip come to rest, be it small beyond measure.
+    Its direction tends to the way that W_na drives it, where it grows if |W_na| > mu W_aa. But if it is nearer to an
+    attracting direction in which slip dies out, it tends to that. A slip that turns away comes to rest at no tolerance,
+    be it small beyond measure.
     """
     drive = abs(law.na)
     return drive > law.mu * law.aa and drive > law.mu * (law.aa - law.bb) * copysign(c, c * law.na)
@@ -114,10 +122,10 @@ def turns_away(law, c):
 
 @compiled
 def is_invariant(law, v, c, s, tol):
-    """Whether slip along (c, s) keeps its direction: to rounding, or so near to an attracting one that the rates do.
+    """Return True if slip along (c, s) keeps its direction.
 
-    Near an axial direction they change with s^2 only, and what that does while v s^2 dies out as exp(fade xi) is known
-    (`swerve`).
+    It does to rounding, or where it is so near to an attracting direction that the rates do not change. Near an axial
+    direction the rates change with s^2 only. How they do while v s^2 dies out as exp(fade xi) is known (`swerve`).
     """
     rate, slope = turning(law, c, s)
     fade = 2.0 * slope + law.na * c - law.mu * law.aa
@@ -127,7 +135,9 @@ def is_invariant(law, v, c, s, tol):
 
 @compiled
 def swerve(law, c, v, b, P):
-    """What is left of the turning in a slip v near the axis over an impulse P: s = b / v dies out as s' = slope s in xi.
+    """Return the effect of the turning that is left in a slip v near the axis over an impulse P.
+
+    With s = b / v, s' = slope s in xi: the turning dies out.
 
     Returns
     -------
@@ -144,13 +154,20 @@ def swerve(law, c, v, b, P):
 
 @compiled
 def later_zero(P, change, rate):
-    """When a function that falls to zero at P, at this rate, does so if it has changed a little."""
+    """Return the impulse at which a function reaches zero that is changed a little by `change`.
+
+    Without the change it falls to zero at the impulse P, with the slope `rate`.
+    """
     return max(0.0, P - change / rate) if inf > P else inf
 
 
 @compiled
 def time_to_events(law, blow, v, w, w_j, w_v):
-    """Impulses after which, at constant rates, the leg ends: own rate zero, energy spent, other end turned, slip v zero."""
+    """Return the impulses after which, at constant rates, each event of the leg happens; inf for none.
+
+    The events are: the gap rate of the end is zero; its energy is spent; the other end turns to the plate; the slip v
+    is zero.
+    """
     n, n_j = blow.n, blow.n_j
     P_n = -n / w if (blow.compressing and w > 0.0) or (not blow.compressing and w < 0.0) else inf
     P_E = inf
@@ -165,14 +182,16 @@ def time_to_events(law, blow, v, w, w_j, w_v):
 
 @compiled(fuse=True)
 def run_down(law, a, b, tol):
-    """Impulse P over which a slip that turns towards an attracting axial direction dies out, and the integral of a over it.
+    """Return the impulse over which a turning slip dies out, and the integral of a over that impulse.
 
-    With q = tan^2 of half the angle to that direction, the sign sigma of which is c, the hodograph is
+    The slip turns to an attracting axial direction. With q = tan^2 of half the angle to that direction, the sign sigma
+    of which is c, the hodograph is
 
         v = K q^alpha (1 - w q)^beta (1 + q),    dq/dxi = 2 m q (1 - w q) / (1 + q),
 
-    m = mu (W_aa - W_bb) - sigma W_na < 0, alpha = (sigma W_na - mu W_aa) / 2m > 0, w = (mu (W_aa - W_bb) + sigma W_na) / m,
-    so that the integrals of v and of a v over xi down to q = 0 are power series in q. inf where they converge slowly.
+    m = mu (W_aa - W_bb) - sigma W_na < 0, alpha = (sigma W_na - mu W_aa) / 2m > 0, w = (mu (W_aa - W_bb) + sigma W_na)
+    / m. So the integrals of v and of a v over xi down to q = 0 are power series in q. Both are inf where the series
+    converge slowly.
     """
     v = length(a, b)
     spread = law.mu * (law.aa - law.bb)
@@ -203,7 +222,7 @@ def run_down(law, a, b, tol):
 
 @compiled
 def stop_at_once(law, blow, tol):
-    """The rest of a leg in which the slip dies out before anything else happens: the velocities and the energy then.
+    """Follow the rest of a leg in which the slip dies out before anything else happens: set its velocities and energy.
 
     Returns
     -------
@@ -212,7 +231,7 @@ def stop_at_once(law, blow, tol):
     """
     n, a, b = blow.n, blow.a, blow.b
     P, swept = run_down(law, a, b, tol)
-    # the gap rate must only rise, wherever the slip turns
+    # the gap rate must only rise, wherever the slip turns: else compression may end before
     if inf == P or law.nn - law.mu * abs(law.na) < 0.0:
         return inf, 0.0, 0.0
     A = -(a + law.na * P) / law.aa
@@ -230,19 +249,19 @@ def stop_at_once(law, blow, tol):
 
 @compiled(inline=True)
 def add(blow, P, A, B, slip):
-    """Add what a leg gives, normally, axially and laterally, and what slip takes in it."""
+    """Add the impulses of a leg (normal, axial and lateral) and the work of slip in it."""
     blow.P, blow.A, blow.B, blow.slip = blow.P + P, blow.A + A, blow.B + B, blow.slip + slip
 
 
 @compiled(inline=True)
 def reached(c, row, order, xi, zero):
-    """A row of the expansion at xi, or what it is where it vanishes."""
+    """Return a row of the expansion at xi, exactly 0.0 if that is its zero."""
     return 0.0 if xi == zero else at(c, row, order, xi)[0]
 
 
 @compiled
 def turning_leg(law, blow, tol, work):
-    """One leg with a turning slip direction, up to its first event or until the direction has become invariant.
+    """Follow one leg with a turning slip direction to its first event, or until the direction has become invariant.
 
     Returns
     -------
@@ -288,7 +307,7 @@ def turning_leg(law, blow, tol, work):
 
 @compiled
 def straight_leg(law, blow, c, s):
-    """One leg at constant rates: sticking, or slipping along the direction (c, s); closed form.
+    """Follow one leg at constant rates, by its closed form: stick, or slip along the direction (c, s).
 
     Returns
     -------
@@ -328,8 +347,9 @@ def straight_leg(law, blow, c, s):
 
 @compiled
 def swerving_leg(law, blow, c, v, times):
-    """One leg of a slip v near the axis along (c, 0), where what is left of its turning changes all rates by little, from the
-    times of its events without that.
+    """Follow one leg of a slip v near the axis along (c, 0), where the turning that is left changes all rates a little.
+
+    `times` are the impulses of its events without that change (`time_to_events`).
     """
     n, a, b, t_a, (P_n, P_E, P_j, P_v) = blow.n, blow.a, blow.b, -law.mu * c, times
     w, w_j, w_a = law.nn + law.na * t_a, law.nn_j + law.na_j * t_a, law.na + law.aa * t_a
@@ -348,14 +368,16 @@ def swerving_leg(law, blow, c, v, times):
 
 @compiled
 def begin_leg(law, blow, tol):
-    """Choose the friction mode of the next leg; returns the direction (c, s) of its slip, and whether that turns.
+    """Choose the friction mode of the next leg.
 
-    A slip that counts as none is set to rest; out of rest it goes the way that W_na drives it.
+    Return the direction (c, s) of its slip, and whether that direction turns. A slip that counts as none is set to
+    rest. Out of rest it goes the way that W_na drives it.
     """
     v, holds = length(blow.a, blow.b), holds_axially(law.mu_s, law.na, law.aa)
     blow.mode = SLIP
     if law.mu == 0.0 and (v > tol or not holds):
-        return 1.0, 0.0, False  # the direction is of no consequence, and the gap rate is turned to the last digit
+        # without friction the direction is of no consequence; the straight leg reverses the gap rate to the last digit
+        return 1.0, 0.0, False
     if v <= tol:
         blow.a, blow.b = 0.0, 0.0
         blow.mode = STICK if holds else SLIP
@@ -368,7 +390,7 @@ def begin_leg(law, blow, tol):
 
 @compiled
 def single_phase(law, blow, tol, work):
-    """Run the impact at one end until its energy is spent or the other closed end begins to be compressed.
+    """Follow the impact at one end until its energy is spent or the other closed end begins to be compressed.
 
     Parameters
     ----------

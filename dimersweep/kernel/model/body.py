@@ -1,9 +1,9 @@
 """The dimer's body: masses and inertias, contact Jacobian and Delassus operator in the heading frame (Appendix A).
 
-It is an axisymmetric body with two balls that need not be alike. With the velocity of the centre of mass (c_a, c_b, c_n) and
-the spin components (beta', theta' cos(beta), axial spin) as quasi-velocities the mass matrix of (A.4) is
-diag(m, m, m, J_t, J_t, J_a), and the contact point of end i, whose ball of radius r_i has its centre at h_i on the axis
-(h_1 < 0 < h_2), moves with
+It is an axisymmetric body with two balls that need not be alike. The quasi-velocities are the velocity of the centre of
+mass (c_a, c_b, c_n) and the spin components (beta', theta' cos(beta), axial spin). With them the mass matrix of (A.4)
+is diag(m, m, m, J_t, J_t, J_a). The ball of end i has the radius r_i and its centre at h_i on the axis (h_1 < 0 < h_2).
+Its contact point moves with
 
     gap rate   n_i = c_n + h_i cos(beta) beta'
     axial      a_i = c_a + (r_i - h_i sin(beta)) beta'
@@ -11,9 +11,9 @@ diag(m, m, m, J_t, J_t, J_a), and the contact point of end i, whose ball of radi
 
 so W and N of (A.1), (A.3) have one row each, and normal and axial motion never couple to the lateral one.
 
-Both ends touch the plate where sin(beta_0) = (r_2 - r_1) / l, which is called level. There both axial levers are the height of
-the centre of mass: the ends share one axial velocity. Dip angles count from there in the kernel: a small gap, and the dip that
-opens it, so have all their digits.
+Both ends touch the plate where sin(beta_0) = (r_2 - r_1) / l, which is called level. There both axial levers are the
+height of the centre of mass: the ends share one axial velocity. Dip angles count from there in the kernel. So a small
+gap, and the dip that opens it, have all their digits.
 """
 
 from math import pi, sqrt
@@ -28,26 +28,26 @@ from dimersweep.kernel.model.plate import set_plate
 from dimersweep.kernel.numerics.elementary import atan2
 from dimersweep.kernel.numerics.sincos import one_minus_cos, sincos
 
-# by which stick friction is above slip friction at least: a slip out of rest accelerates, however slowly
+# share by which stick friction exceeds slip friction at least: so a slip out of rest accelerates, however slowly
 STICK_MARGIN = 1e-9
 
 
 @compiled
 def set_friction(p, mu, mu_s, mu_h):
-    """Fill in the friction of an end; that which sticks is a little more than that which slips."""
+    """Set the friction of an end; the friction that holds is a little above that of slip, by STICK_MARGIN at least."""
     least = mu * (1.0 + STICK_MARGIN)
     p.mu, p.mu_hit, p.mu_s, p.mu_h = mu, mu, max(mu_s, least), max(mu_h, least)
 
 
 @compiled
 def set_split(split, w_1, w_2):
-    """Fill in what two forces give together, from what a unit of each gives."""
+    """Set the split of two forces from the velocity that a unit of each gives."""
     split.both, split.apart = 0.5 * (w_1 + w_2), 0.5 * (w_1 - w_2)
 
 
 @compiled
 def set_pair(dm):
-    """Fill in the Delassus operator of both ends."""
+    """Set the Delassus operator of both ends at a double contact."""
     w, (p, q) = dm.pair, level_levers(dm)
     w_1, w_2, w_12 = delassus(dm, p, p), delassus(dm, q, q), delassus(dm, p, q)
     w.nn_1, w.nn_2, w.nn_12 = dm.m * w_1.nn, dm.m * w_2.nn, dm.m * w_12.nn
@@ -62,7 +62,7 @@ def set_pair(dm):
 
 @compiled
 def set_dimer(row, dm):
-    """Fill in the dimer of one parameter row: a solid rod between the surfaces of two solid balls.
+    """Set the dimer of one parameter row: a solid rod between the surfaces of two solid balls.
 
     Parameters
     ----------
@@ -77,11 +77,12 @@ def set_dimer(row, dm):
     # fmt: on
     lever = (A_r - 1.0) * (r_1 + r_2)
     rod = lever - (r_1 + r_2)
-    # no powers: Python's come from the system's library
+    # products in place of powers: Python's powers come from the system's library
     m_1, m_2 = rho_b_1 * 4.0 / 3.0 * pi * (r_1 * r_1 * r_1), rho_b_2 * 4.0 / 3.0 * pi * (r_2 * r_2 * r_2)
     m_r = rho_r * pi * 0.25 * (D_r * D_r) * rod
     m = m_1 + m_2 + m_r
-    # places on the axis, from the middle between the ball centres: of the centre of mass, and from there of the rod's middle
+    # places on the axis: of the centre of mass from the middle between the ball centres, of the rod's middle from that
+    # centre
     centre = 0.5 * ((m_2 - m_1) * lever + m_r * (r_1 - r_2)) / m
     rod_at = 0.5 * (r_1 - r_2) - centre
     h_1, h_2 = -0.5 * lever - centre, 0.5 * lever - centre
@@ -106,12 +107,12 @@ def set_dimer(row, dm):
 
 @exported
 def fill_dimer(row, dm):
-    """`set_dimer` for Python."""
+    """Set the dimer of one parameter row from Python; see `set_dimer`."""
     set_dimer(row, dm)
 
 
 def dimer_of(row: np.ndarray) -> Dimer:
-    """The dimer of one parameter row, for Python; see `set_dimer`."""
+    """Return the dimer of one parameter row, for Python; see `set_dimer`."""
     dm = new_record(Dimer)
     fill_dimer(row, dm)
     return dm
@@ -119,7 +120,7 @@ def dimer_of(row: np.ndarray) -> Dimer:
 
 @compiled(inline=True)
 def end(dm, i):
-    """End number i: 0 is p1, 1 is p2."""
+    """Return end number i: 0 is p1, 1 is p2."""
     return dm.p1 if i == 0 else dm.p2
 
 
@@ -128,13 +129,13 @@ def end(dm, i):
 
 @compiled(inline=True)
 def attitude(dm, dip):
-    """Sine and cosine of the dip angle beta at a dip above level."""
+    """Return sine and cosine of the dip angle beta at a dip above level."""
     return sincos(dm.beta_0 + dip)
 
 
 @compiled
 def centre(dm, state):
-    """Place of the centre of mass on the plate [m]."""
+    """Return the place x, y of the centre of mass on the plate [m]."""
     _, cos_b = attitude(dm, state[DIP])
     sin_t, cos_t = sincos(state[THETA])
     reach = -dm.p1.h * cos_b
@@ -143,7 +144,7 @@ def centre(dm, state):
 
 @compiled(inline=True)
 def lift(dm, dip):
-    """sin(beta) - sin(beta_0): by how much p2 is higher over the plate than p1, in units of l."""
+    """Return sin(beta) - sin(beta_0): how much higher p2 is over the plate than p1, in units of l."""
     sin_d, cos_d = sincos(dip)
     return dm.cos_0 * sin_d - dm.sin_0 * one_minus_cos(sin_d, cos_d)
 
@@ -152,7 +153,7 @@ def lift(dm, dip):
 
 
 class Levers(NamedTuple):
-    """Contact Jacobian of one end at one dip angle: what unit spin components add to its contact velocity [m]."""
+    """Contact Jacobian of one end at one dip angle: contact velocity per unit spin component [m]."""
 
     n: float  # gap rate per beta'
     a: float  # axial velocity per beta'
@@ -162,18 +163,18 @@ class Levers(NamedTuple):
 
 @compiled(inline=True)
 def levers(p, sin_b, cos_b):
-    """Contact Jacobian of the end p, (A.1) and (A.3)."""
+    """Return the contact Jacobian of the end p, (A.1) and (A.3)."""
     return Levers(p.h * cos_b, p.r - p.h * sin_b, p.r * sin_b - p.h, -p.r * cos_b)
 
 
 @compiled(inline=True)
 def level_levers(dm):
-    """Contact Jacobians of p1 and p2 where both touch the plate."""
+    """Return the contact Jacobians of p1 and p2 at the dip at which both touch the plate."""
     return levers(dm.p1, dm.sin_0, dm.cos_0), levers(dm.p2, dm.sin_0, dm.cos_0)
 
 
 class Delassus(NamedTuple):
-    """What a unit impulse at one end does to the contact velocity of the same or the other end [1/kg]."""
+    """Contact velocity of an end per unit impulse at the same or the other end [1/kg]."""
 
     nn: float
     na: float  # normal velocity of the first end per axial impulse at the second
@@ -184,7 +185,7 @@ class Delassus(NamedTuple):
 
 @compiled(inline=True)
 def delassus(dm, p, q):
-    """Delassus operator between the ends with levers p and q: velocity at p per impulse at q."""
+    """Return the Delassus operator between the ends with levers p and q: velocity at p per impulse at q."""
     im, it = dm.im, dm.it
     return Delassus(
         im + p.n * q.n * it,
@@ -200,13 +201,13 @@ def delassus(dm, p, q):
 
 @compiled
 def rise_of_centre(dm, n_1, n_2):
-    """Velocity of the centre of mass along the normal, over the plate, from the gap rates of both ends [m s-1]."""
+    """Return the normal velocity of the centre of mass relative to the plate [m s-1]; n_1, n_2 are the gap rates."""
     return (dm.p2.h * n_1 - dm.p1.h * n_2) / dm.l
 
 
 @compiled
 def apart_sideways(dm, w_p, spin):
-    """Lateral velocity of p1 less that of p2 where both touch the plate [m s-1].
+    """Return the lateral velocity of p1 less that of p2 where both touch the plate [m s-1].
 
     It is l cos(beta_0) times the turning rate about the vertical.
     """
@@ -215,13 +216,16 @@ def apart_sideways(dm, w_p, spin):
 
 @compiled
 def turn_of_pair(dm, apart, spin):
-    """theta' cos(beta) where both ends touch the plate, from the lateral velocity of p1 less that of p2."""
+    """Return theta' cos(beta) where both ends touch the plate, from the lateral velocity of p1 less that of p2."""
     return (apart / (dm.l * dm.cos_0) - dm.sin_0 * spin) / dm.cos_0
 
 
 @compiled
 def lateral_impulses(dm, d_1, d_2):
-    """Lateral impulses at both ends on the plate that change their lateral velocities by d_1, d_2, which are times m."""
+    """Return the lateral impulses at both ends on the plate that change their lateral velocities.
+
+    d_1 and d_2 are the changes of the velocities times m [kg m s-1].
+    """
     w = dm.pair
     det = w.bb_1 * w.bb_2 - w.bb_12 * w.bb_12
     return (w.bb_2 * d_1 - w.bb_12 * d_2) / det, (w.bb_1 * d_2 - w.bb_12 * d_1) / det
@@ -229,7 +233,7 @@ def lateral_impulses(dm, d_1, d_2):
 
 @compiled(inline=True)
 def extent(dm):
-    """Radius of the greater ball, and the distance of the centre of mass from the farther one [m]."""
+    """Return the radius of the larger ball, and the distance of the centre of mass from the farther ball centre [m]."""
     return max(dm.p1.r, dm.p2.r), max(-dm.p1.h, dm.p2.h)
 
 
@@ -237,13 +241,16 @@ def extent(dm):
 
 
 def rise_at(dm, beta):
-    """By how much p2 is higher over the plate than p1 [m] at the dip angle `beta` [rad]; floats, or arrays of one shape."""
+    """Return how much higher p2 is over the plate than p1 [m] at the dip angle `beta` [rad].
+
+    It takes floats, or arrays of one shape.
+    """
     dip = beta - dm.beta_0
     return 2.0 * dm.l * np.sin(0.5 * dip) * np.cos(0.5 * (beta + dm.beta_0))
 
 
 def slip_at(dm, state, i):
-    """Axial and lateral velocity of the contact point of end i in a kernel state [m s-1]."""
+    """Return the axial and lateral velocity of the contact point of end i in a kernel state [m s-1], for Python."""
     beta = dm.beta_0 + state[DIP]
     lv = plain(levers)((dm.p1, dm.p2)[i], np.sin(beta), np.cos(beta))
     return state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
@@ -251,14 +258,14 @@ def slip_at(dm, state, i):
 
 @compiled
 def contact_velocity(dm, state, i):
-    """Gap rate, axial and lateral velocity of the contact point of end i [m/s]."""
+    """Return gap rate, axial and lateral velocity of the contact point of end i [m/s]."""
     lv = levers(end(dm, i), *attitude(dm, state[DIP]))
     return state[N1 + i], state[CA] + lv.a * state[WB], state[CB] + lv.b * state[WP] + lv.c * state[SPIN]
 
 
 @compiled
 def slip_rounding(dm, state):
-    """Round-off of a contact velocity [m/s]: slip below it is none."""
+    """Return the round-off of a contact velocity [m/s]: slip below it counts as none."""
     r, h = extent(dm)
     size = abs(state[CA]) + abs(state[CB]) + r * abs(state[SPIN]) + h * (abs(state[WB]) + abs(state[WP]))
     return 8.0 * 2.3e-16 * size
@@ -266,7 +273,7 @@ def slip_rounding(dm, state):
 
 @compiled
 def kinetic(dm, state):
-    """Kinetic energy in the plate's frame [J]."""
+    """Return the kinetic energy in the plate's frame [J]."""
     c_n = rise_of_centre(dm, state[N1], state[N2])
     moving = dm.m * (state[CA] * state[CA] + state[CB] * state[CB] + c_n * c_n)
     turning = dm.J_t * (state[WB] * state[WB] + state[WP] * state[WP])

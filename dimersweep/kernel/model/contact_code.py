@@ -1,6 +1,6 @@
-"""The contact state of Table 1 as one number, 5 s_1 + s_2, and its name.
+"""Code the contact state of Table 1 as one number, 5 s_1 + s_2, and name it.
 
-The digit s_i of end i is FREE, STICK or SLIP, or during an impact at that end IMPACT more.
+The digit s_i of end i is FREE, STICK or SLIP; during an impact at that end IMPACT is added.
 """
 
 from typing import Any
@@ -12,7 +12,7 @@ CODE_BASE = 5
 
 
 def code_of(digit_1: Any, digit_2: Any) -> Any:
-    """Code of a contact state with these digits of p1 and p2: numbers, or arrays of one shape."""
+    """Return the code of a contact state with these digits of p1 and p2: numbers, or arrays of one shape."""
     return CODE_BASE * digit_1 + digit_2
 
 
@@ -20,18 +20,21 @@ coded = compiled(code_of, inline=True)  # for the kernel
 
 
 def digits_of(code: Any) -> tuple[Any, Any]:
-    """Digits of p1 and p2 in the code of a contact state: of a whole number, or of an array."""
+    """Return the digits of p1 and p2 in the code of a contact state: of a whole number, or of an array."""
     return divmod(code, CODE_BASE)
 
 
 @compiled
 def impact_digit(on, mode):
-    """Digit of an end with this friction mode in a phase of an impact; `on`: the impact acts on it, b_i of (8) is set."""
+    """Return the digit of an end with this friction mode in a phase of an impact.
+
+    `on` is True if the impact acts on the end: b_i of (8) is set.
+    """
     return float(mode) + (IMPACT if on else FREE)
 
 
 def contact_state_name(code: int) -> str:
-    """Name of a contact state of Table 1, such as ``SC1_sp`` or ``DI_sp_sk``; ``SC1``: p1 alone is down."""
+    """Return the name of a contact state of Table 1, such as ``SC1_sp`` or ``DI_sp_sk``; ``SC1``: p1 alone is down."""
     s = digits_of(int(code))
     closed = [k for k in s if k > 0]
     if not closed:

@@ -1,13 +1,13 @@
-"""The row of an event: what each of its columns holds; names, units and meanings: ``symbols.EVENT_QUANTITIES``.
+"""Write the row of an event. Names, units and meanings of its columns: ``symbols.EVENT_QUANTITIES``.
 
-A phase of an impact is such a row from the start (`log_phase`), and so are events between impacts (``record``).
+Each phase of an impact is such a row from the start (`log_phase`), and so are events between impacts (``record``).
 """
 
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.model.contact_code import coded
 from dimersweep.kernel.model.layout import DIP, FREE, PERIOD, PHASE, THETA
 
-# beside the names that are told: completed forcing periods; the phase counts from their end
+# `period` is the number of completed forcing periods, and `phase` counts from the end of the last of them
 EVENT = (
     "period", "phase", "cause", "kind", "contact_before", "contact_after",
     "gap_1_rate_before", "gap_2_rate_before", "gap_1_rate_after", "gap_2_rate_after", "impulse_1", "impulse_2",
@@ -20,14 +20,14 @@ E_N1, E_N2, E_N1_AFTER, E_N2_AFTER, E_P1, E_P2, E_BETA, E_THETA, E_A1, E_B1, E_A
 
 @compiled(inline=True)
 def write_moment(dm, row, state, cause, before, after):
-    """Write when and why an event happens, the contact states before and after it, and how the dimer lies."""
+    """Write time and cause of an event, the contact states before and after it, and the attitude of the dimer."""
     row[E_PERIOD], row[E_PHASE], row[E_CAUSE] = state[PERIOD], state[PHASE], cause
     row[E_BEFORE], row[E_AFTER], row[E_BETA], row[E_THETA] = before, after, dm.beta_0 + state[DIP], state[THETA]
 
 
 @compiled(inline=True)
 def write_phase(row, kind, rates, impulses, slips):
-    """Write what happens in a phase: the contact state, gap rates before and after, normal impulses, and slips after it."""
+    """Write the numbers of a phase: contact state, gap rates before and after, normal impulses, and slips after it."""
     row[E_KIND] = kind
     for k in range(4):
         row[E_N1 + k], row[E_A1 + k] = rates[k], slips[k]
@@ -36,7 +36,7 @@ def write_phase(row, kind, rates, impulses, slips):
 
 @compiled
 def log_phase(log, count, kind, rates, impulses, slips):
-    """Add a row to the log of an impact's phases (a log without rows is not kept); returns the count."""
+    """Add a row to the log of the phases of an impact, where there is room; return the number of rows."""
     if count >= log.shape[0]:
         return count
     write_phase(log[count], kind, rates, impulses, slips)
@@ -45,7 +45,10 @@ def log_phase(log, count, kind, rates, impulses, slips):
 
 @compiled
 def log_single(log, count, i, digit, rates, P, slip):
-    """The same of a phase at end i, the other one being off the plate; `rates` have that of end i first."""
+    """Add a row to the log for a phase at end i with the other end off the plate; return the number of rows.
+
+    `rates` have those of end i first.
+    """
     (n, n_j, n_after, n_j_after), (a, b) = rates, slip
     if i == 0:
         return log_phase(log, count, coded(digit, FREE), rates, (P, 0.0), (a, b, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Slots and codes: what stands where in the kernel's flat arrays, and the names, units and meanings of what comes out."""
+"""Slots and codes: the places of all numbers in the kernel's flat arrays; names, units and meanings of its results."""
 
 from collections import namedtuple
 from dataclasses import dataclass, field, fields
@@ -27,29 +27,30 @@ ROW_PHI0, ROW_BETA0 = ROW_Z + 1, ROW_START
 
 
 class End:
-    """One end of the dimer: its ball, and the contact of that with the plate."""
+    """End of the dimer: its ball, and the contact of the ball with the plate."""
 
     s: float  # -1 for p1, +1 for p2
     r: float  # ball radius [m]
     h: float  # place of the ball's centre on the axis from p1 to p2, counted from the centre of mass: negative for p1 [m]
     e: float  # energetic restitution [1]
     mu: float  # slip and stick friction coefficients [1]
-    mu_hit: float  # slip, in the impact that goes on (``friction.hit``)
-    mu_s: float  # stick inside impacts
-    mu_h: float  # stick of a lasting contact
+    mu_hit: float  # slip friction in the impact under way (``friction.hit``)
+    mu_s: float  # stick friction inside impacts
+    mu_h: float  # stick friction of a lasting contact
     k: float  # stiffness of the contact in impacts, in units of that of p1 [1]
 
 
 class Split:
-    """What two forces f_1, f_2, one at each end, give together: w_1 f_1 + w_2 f_2."""
+    """Result of two forces f_1, f_2, one at each end: w_1 f_1 + w_2 f_2, by their sum and their difference."""
 
     both: float  # (w_1 + w_2) / 2, per sum of the forces
     apart: float  # (w_1 - w_2) / 2, per difference
 
 
 class Pair:
-    """Delassus operator of both ends where both touch the plate [1/m]: they share the axial velocity, and normal and
-    lateral do not mix.
+    """Delassus operator of both ends where both touch the plate, in units of 1/m.
+
+    The ends share the axial velocity, and normal and lateral motion do not mix.
     """
 
     nn_1: float
@@ -69,7 +70,7 @@ class Pair:
 
 
 class Dimer:
-    """One dimer on one plate: a record (``compiler.records``), filled by ``body.set_dimer``."""
+    """Dimer on a plate: a record (``compiler.records``), filled by ``body.set_dimer``."""
 
     p1: End
     p2: End
@@ -82,7 +83,7 @@ class Dimer:
     m: float  # total mass [kg]
     J_t: float  # transverse inertia about the centre of mass (J_1 of the appendix) [kg m2]
     J_a: float  # axial inertia (J_2) [kg m2]
-    im: float  # 1/m, 1/J_t, 1/J_a: what an impulse gives
+    im: float  # 1/m, 1/J_t, 1/J_a: velocity per impulse
     it: float
     ia: float
     g: float  # gravity along the normal of the plate [m s-2]
@@ -96,9 +97,8 @@ class Dimer:
     most_acceleration: float
     most_jerk: float
     most_snap: float
-    sideways: (
-        float  # 1.0 where the plate is tilted or moves along itself, else 0.0: then the heading is of no consequence
-    )
+    # 1.0 where the plate is tilted or moves along itself, else 0.0: then the heading is of no consequence
+    sideways: float
     fall_x: float  # gravity along the axes X, Y of the plate [m s-2]
     fall_y: float
     v_scale: float  # the lesser of g/omega, gained in 1/omega of free fall, and that of a rod tipping over [m s-1]
@@ -110,15 +110,14 @@ class Dimer:
     lag_x: Annotated[list[float], HARMONICS]
     G_y: Annotated[list[float], HARMONICS]
     lag_y: Annotated[list[float], HARMONICS]
-    sway_s: Annotated[
-        list[float], HARMONICS
-    ]  # A sin, A cos of the harmonics' angles at the start of a flight [m]: scratch
+    # A sin, A cos of the harmonics' angles at the start of a flight [m]: scratch
+    sway_s: Annotated[list[float], HARMONICS]
     sway_c: Annotated[list[float], HARMONICS]
 
 
 # --- state: the closed state in the plate frame, then the cyclic coordinates ----------------------------------------
 class State(NamedTuple):
-    """What stands in the slots of a state, for Python: numbers, or columns of many states (``State(*states.T)``)."""
+    """Numbers in the slots of a state, for Python: floats, or columns of many states (``State(*states.T)``)."""
 
     phase: Any = 0.0  # plate phase since the last period boundary [rad], in [0, 2 pi]
     d1: Any = 0.0  # gaps of p1, p2 [m]
@@ -197,7 +196,7 @@ TRACK: Any = namedtuple("TRACK", TRACKS)(*range(8))
 
 
 class Quantity(NamedTuple):
-    """Unit ("1" if none), meaning and range of a parameter, of something that a run gives, or of a label."""
+    """Unit ("1" if none), meaning and range of a parameter, of a result of a run, or of a label."""
 
     units: str
     long_name: str
@@ -205,7 +204,7 @@ class Quantity(NamedTuple):
     most: float = inf
 
     def attributes(self, kind: type = float) -> dict[str, Any]:
-        """Attributes of a CF variable of a `kind` of number: unit, meaning, and the ends of the range that are finite."""
+        """Return the attributes of a CF variable of a `kind` of number: unit, meaning, finite ends of its range."""
         ends = {"valid_min": self.least, "valid_max": self.most}
         bounds = {name: kind(value) for name, value in ends.items() if abs(value) < inf}
         return {"units": self.units, "long_name": self.long_name} | bounds
@@ -221,7 +220,7 @@ def _columns(kind: Any) -> dict[str, Quantity]:
 
 @dataclass(frozen=True, kw_only=True)
 class Codes:
-    """A row of integers."""
+    """Row of integers in the outcome of a run."""
 
     status: int = _column("1", "how the run ended")
     mode: int = _column("1", "mode of motion")
@@ -250,7 +249,7 @@ def _pace(column: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class OrbitNumbers:
-    """Columns of every cube, and numbers of the orbit of a drift; the speed also of a dimer whose ends stay down."""
+    """Columns of every cube with the orbit of a drift; the speed is also that of a dimer whose ends stay down."""
 
     radius: float = _column("m", "equivalent radius (11): speed over precession rate; the path's is path_radius", 0)
     period: float = _column("s", "period of the orbit (12), and of its path", 0)
@@ -276,7 +275,7 @@ class OrbitNumbers:
 
 @dataclass(frozen=True, kw_only=True)
 class RunNumbers:
-    """Columns of every cube, and numbers of every run."""
+    """Columns of every cube with numbers of every run."""
 
     down_share_1: float = _column("1", f"share of {_LAST} that p1 is down", 0, 1)
     down_share_2: float = _column("1", f"share of {_LAST} that p2 is down", 0, 1)
@@ -301,7 +300,7 @@ V_RADIUS, V_PERIOD, V_ZETA, V_SPEED, V_RATE, V_PHASE = range(N_ORBIT)
 
 
 class Outcome:
-    """A row of floats in the order of `OUT`, as the kernel fills it."""
+    """Row of floats in the order of `OUT`, as the kernel fills it."""
 
     orbit: Annotated[list[float], N_ORBIT]
     drift: Annotated[list[float], N_ORBIT]

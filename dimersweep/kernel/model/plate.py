@@ -1,16 +1,16 @@
-"""The vibrating plate: its place, and all that follows from it. Another waveform is written here, and nowhere else.
+"""The vibrating plate: its height, and all that follows from it. Another waveform is written here, and nowhere else.
 
     z_p = sum over k = 1 ... 16 of A_k sin(k phase + lag_k),    phase = omega t + phi0,    lag_k = phi_k - k phi0
 
-with A_k (k omega)^2 = Gamma_k g; A_1 is the paper's A_z, and lag_1 is zero. In the frame of the plate gravity is
-g_e = g + z_p''. The sine and the cosine of the phase give those of its multiples, one after the other.
+with A_k (k omega)^2 = Gamma_k g; A_1 is the paper's A_z, and lag_1 is zero. In the frame of the plate gravity is g_e =
+g + z_p''. The sine and the cosine of the phase give those of its multiples, one after the other.
 
 A plate that is tilted, or moves along its own axes X and Y too, gives the body the acceleration, relative to the plate,
 
     A_x = g sin(tilt) cos(azimuth) + sum over k of Gamma_x_k g sin(k phase + phi_x_k),
 
-A_y likewise with sin(azimuth), Gamma_y_k, phi_y_k, and g_e has g cos(tilt) in the place of g. Then, and only then,
-the heading of the dimer counts.
+A_y likewise with sin(azimuth), Gamma_y_k, phi_y_k, and g_e has g cos(tilt) in the place of g. Then, and only then, the
+heading of the dimer counts.
 """
 
 from math import inf, sqrt
@@ -22,8 +22,8 @@ from dimersweep.kernel.compiler.jit import compiled, plain
 from dimersweep.kernel.model.layout import HARMONICS, ROW_PHI0, ROW_X, ROW_Y, ROW_Z
 from dimersweep.kernel.numerics.sincos import TWO_PI, one_minus_cos, sincos, x_minus_sin
 
-STEADY = 1e-9  # acceleration across the heading, in g, that counts as none
-CREST_EXCESS = 1e-9  # excess of the bound on a crest over its height, over the sum of all harmonics
+STEADY = 1e-9  # acceleration across the heading, in g, that counts as none: rounding of a tilt along the heading
+CREST_EXCESS = 1e-9  # excess of the bound on a crest over the crest, in units of the sum of all harmonics
 
 
 # --- constants of a plate ---------------------------------------------------------------------------------------------
@@ -31,7 +31,7 @@ CREST_EXCESS = 1e-9  # excess of the bound on a crest over its height, over the 
 
 @compiled
 def set_plate(row, f, g, tilt, azimuth, dm):
-    """Fill in the plate of one parameter row.
+    """Set the plate of one parameter row.
 
     Parameters
     ----------
@@ -69,13 +69,13 @@ def set_plate(row, f, g, tilt, azimuth, dm):
 
 @compiled(inline=True)
 def next_multiple(s, c, s1, c1):
-    """Sine and cosine of the sum of two angles: of a small one with all digits."""
+    """Return sine and cosine of the sum of two angles; the sine of a small sum keeps all its digits."""
     return s * c1 + c * s1, c * c1 - s * s1
 
 
 @compiled
 def wave(dm, phase):
-    """-z_p'' [m s-2], and its derivative with respect to the phase."""
+    """Return -z_p'' [m s-2], and its derivative with respect to the phase."""
     value, slope, s, c = 0.0, 0.0, 0.0, 1.0
     s1, c1 = sincos(phase)
     for j in range(dm.n_z):
@@ -89,13 +89,14 @@ def wave(dm, phase):
 
 @compiled
 def crest(dm):
-    """A bound of -z_p'' over all phases, above its maximum by `CREST_EXCESS` at most [m s-2].
+    """Return a bound of -z_p'' over all phases, above its maximum by `CREST_EXCESS` at most [m s-2].
 
-    Steps lead round the cycle over which the wave certainly stays below what has been seen of it (its curvature is at most
-    `bend`), or certainly rises to their ends. A coarse round finds the crest, so that the second one need not climb it.
+    Steps lead round the cycle. Over each the wave certainly stays below the greatest value so far (its curvature is at
+    most `bend`), or certainly rises to the end of the step. A coarse round finds the crest, so that the second round
+    need not climb it.
     """
     bend, top, spare = dm.most_snap / (dm.omega * dm.omega), -inf, 0.0
-    for excess in (1e-3, CREST_EXCESS):
+    for excess in (1e-3, CREST_EXCESS):  # the coarse round, and the fine one
         phase, spare = 0.0, excess * dm.most_acceleration
         while phase < TWO_PI:
             value, slope = wave(dm, phase)
@@ -106,13 +107,13 @@ def crest(dm):
 
 @compiled
 def lightest(dm):
-    """Least g_e of a cycle [m s-2]."""
+    """Return the least g_e of a cycle [m s-2]."""
     return dm.g - (dm.A[0] * dm.omega * dm.omega if dm.n_z == 1 else crest(dm))
 
 
 @compiled
 def heaviest(dm):
-    """Bound of g_e from above [m s-2]."""
+    """Return a bound of g_e from above [m s-2]."""
     return dm.g + dm.most_acceleration
 
 
@@ -121,7 +122,7 @@ def heaviest(dm):
 
 @compiled
 def plate_rate(dm, phase):
-    """z_p' [m s-1]."""
+    """Return z_p' [m s-1]."""
     s1, c1 = sincos(phase)
     rate, s, c = dm.A[0] * dm.omega * c1, s1, c1
     for j in range(1, dm.n_z):
@@ -132,7 +133,7 @@ def plate_rate(dm, phase):
 
 @compiled(inline=True)
 def effective_gravity(dm, phase):
-    """g_e = g + z_p'' [m s-2]."""
+    """Return g_e = g + z_p'' [m s-2]."""
     s, c = sincos(phase)
     g_e = dm.g - dm.A[0] * dm.omega * dm.omega * s
     return g_e if dm.n_z == 1 else g_e - higher_acceleration(dm, s, c)
@@ -140,7 +141,10 @@ def effective_gravity(dm, phase):
 
 @compiled
 def higher_acceleration(dm, s1, c1):
-    """The part of the higher harmonics in -z_p''. (A call of its own: what calls the others often stays small without it.)"""
+    """Return the part of the higher harmonics in -z_p'' [m s-2], from sine and cosine of the phase.
+
+    (It is a function of its own because its callers often stay small without it.)
+    """
     a, s, c = 0.0, s1, c1
     for j in range(1, dm.n_z):
         s, c = next_multiple(s, c, s1, c1)
@@ -154,7 +158,10 @@ def higher_acceleration(dm, s1, c1):
 
 @compiled
 def acceleration_along(dm, phase, theta):
-    """Acceleration of the body relative to the plate, along the heading theta and across it: A_a, A_b [m s-2]."""
+    """Return A_a, A_b, the acceleration of the body relative to the plate [m s-2].
+
+    A_a is along the heading theta, A_b across it.
+    """
     a_x, a_y = dm.fall_x, dm.fall_y
     for j in range(dm.n_along):
         k = j + 1.0
@@ -167,7 +174,7 @@ def acceleration_along(dm, phase, theta):
 
 @compiled
 def most_along(dm):
-    """Bound of that acceleration, in any direction [m s-2]."""
+    """Return a bound of the acceleration of the body along the plate, in any direction [m s-2]."""
     most_x, most_y = abs(dm.fall_x), abs(dm.fall_y)
     for j in range(dm.n_along):
         most_x, most_y = most_x + abs(dm.G_x[j]), most_y + abs(dm.G_y[j])
@@ -176,10 +183,10 @@ def most_along(dm):
 
 @compiled
 def keeps_speed(dm, theta, w_p):
-    """Whether a dimer that rolls on both ends has the same speed after each cycle, w_p being its rate of turning (WP).
+    """Return True if a dimer that rolls on both ends has the same speed after each cycle.
 
-    The plate must not fall across the heading. Where the ends are unlike the dimer rolls as a cone does, so that its heading
-    must not change, either.
+    The plate must not fall across the heading theta. Where the ends are unlike the dimer rolls as a cone does, so that
+    its heading must not change, either; w_p is its rate of turning (WP).
     """
     if dm.sideways == 0.0:
         return True
@@ -194,8 +201,9 @@ def keeps_speed(dm, theta, w_p):
 
 @compiled
 def velocity_along(dm, phase):
-    """Velocity of the plate along its axes X, Y [m s-1]."""
-    v_x, v_y = -0.0, -0.0  # whose sum with one number is that number, whatever the sign of a zero
+    """Return the velocity of the plate along its axes X, Y [m s-1]."""
+    # -0.0 plus a number is that number, also where it is a zero of either sign
+    v_x, v_y = -0.0, -0.0
     for j in range(dm.n_along):
         k = j + 1.0
         _, c_x = sincos(k * phase + dm.lag_x[j])
@@ -206,7 +214,10 @@ def velocity_along(dm, phase):
 
 @compiled
 def swung(dm, phase, t):
-    """What the acceleration along the axes X, Y adds to velocity and place in a time t from a phase on: v_x, x, v_y, y."""
+    """Return v_x, x, v_y, y, the velocity and the place that the acceleration along the axes X, Y adds.
+
+    It acts for a time t [s] from a phase of the plate on.
+    """
     v_x, x, v_y, y = dm.fall_x * t, 0.5 * dm.fall_x * t * t, dm.fall_y * t, 0.5 * dm.fall_y * t * t
     for j in range(dm.n_along):
         k = j + 1.0
@@ -217,7 +228,7 @@ def swung(dm, phase, t):
 
 @compiled
 def swing(v, x, G, omega, angle, t):
-    """A velocity and a place, and what the acceleration G sin(angle + omega t) adds to them over a time t."""
+    """Return a velocity and a place after the acceleration G sin(angle + omega t) has acted for a time t."""
     y = omega * t
     sy, cy = sincos(y)
     s, c = sincos(angle)
@@ -230,16 +241,16 @@ def swing(v, x, G, omega, angle, t):
 
 
 class Sway(NamedTuple):
-    """The plate from a moment on, from which times count."""
+    """Plate from a moment on, from which times count."""
 
     omega: float
-    s: float  # A_z sin, A_z cos of its phase at that moment
+    s: float  # A_z sin, A_z cos of the phase of the plate at that moment [m]
     c: float
 
 
 @compiled(inline=True)
 def sway_from(dm, phase):
-    """The plate from a phase on; `dm` has it of the higher harmonics, until the next one."""
+    """Return the sway of the plate from a phase on; the higher harmonics are written into `dm`, until the next call."""
     s, c = sincos(phase)
     if dm.n_z > 1:
         sway_higher(dm, s, c)
@@ -248,7 +259,7 @@ def sway_from(dm, phase):
 
 @compiled
 def sway_higher(dm, s1, c1):
-    """Fill in A sin, A cos of the higher harmonics' angles, from the sine and the cosine of the phase."""
+    """Write A sin, A cos of the angles of the higher harmonics, from the sine and the cosine of the phase."""
     s, c = s1, c1
     for j in range(1, dm.n_z):
         s, c = next_multiple(s, c, s1, c1)
@@ -257,9 +268,10 @@ def sway_higher(dm, s1, c1):
 
 @compiled(inline=True)
 def less_harmonic(omega, s, c, angle, over):
-    """A height and its first three time derivatives less those of one harmonic, an `angle` omega t after the start.
+    """Return a height and its first three time derivatives less those of one harmonic.
 
-    Of the harmonic only counts what its height and its rate at the start do not foretell.
+    The time is an `angle` omega t after the start. Only the part of the harmonic counts that its height and its rate at
+    the start do not foretell.
 
     Parameters
     ----------
@@ -281,7 +293,10 @@ def less_harmonic(omega, s, c, angle, over):
 
 @compiled
 def less_higher_harmonics(dm, angle, over):
-    """A height and its derivatives less those of the plate's higher harmonics, an `angle` of the first one after the start."""
+    """Return a height and its derivatives less those of the higher harmonics of the plate.
+
+    `angle` is that of the first harmonic since the start.
+    """
     y, sy, cy = angle
     s, c = sy, cy
     for j in range(1, dm.n_z):
@@ -293,7 +308,10 @@ def less_higher_harmonics(dm, angle, over):
 
 @compiled(inline=True)
 def over_plate(dm, sway, t, over):
-    """Height over the plate and its first three time derivatives, from those over one that goes on at its first rate."""
+    """Return a height over the plate and its first three time derivatives.
+
+    `over` are those over a plate that goes on at its rate of the start.
+    """
     y = sway.omega * t
     sy, cy = sincos(y)
     over = less_harmonic(sway.omega, sway.s, sway.c, (y, sy, cy), over)
@@ -304,7 +322,7 @@ def over_plate(dm, sway, t, over):
 def start_later(row, by):
     """Move the phase of the plate at the start on by an angle [rad], in a parameter row in place.
 
-    Its motion along itself counts from that phase, so what `row` has of it stays.
+    The motion of the plate along itself counts from that phase, so its phases in `row` stay.
     """
     for j in range(HARMONICS):
         row[ROW_PHI0 + 2 * j] += (j + 1.0) * by
@@ -314,7 +332,7 @@ def start_later(row, by):
 
 
 def started_at(row, phase):
-    """A parameter row with the plate at `phase` [rad] at the start, in [0, 2 pi)."""
+    """Return a copy of a parameter row with the plate at `phase` [rad] at the start, reduced to [0, 2 pi)."""
     later = row.copy()
     plain(start_later)(later, phase - row[ROW_PHI0])
     later[ROW_PHI0] = phase % TWO_PI
@@ -322,7 +340,7 @@ def started_at(row, phase):
 
 
 def motion_along(dm, phase):
-    """Place and velocity of the plate along its axes, x, y, x', y', at phases of any shape [m, m s-1]."""
+    """Return x, y, x', y', place and velocity of the plate along its axes, at phases of any shape [m, m s-1]."""
     squares = (dm.omega * np.arange(1, dm.n_along + 1)) ** 2
     (x, v_x, _), (y, v_y, _) = (
         _motion(dm.omega, G[: dm.n_along] / squares * (np.cos(lag) + 1j * np.sin(lag))[: dm.n_along], phase)
@@ -332,12 +350,12 @@ def motion_along(dm, phase):
 
 
 def motion(dm, phase):
-    """z_p, z_p' and z_p'' at phases of any shape [m, m s-1, m s-2]."""
+    """Return z_p, z_p' and z_p'' at phases of any shape [m, m s-1, m s-2]."""
     return _motion(dm.omega, dm.A_sin[: dm.n_z] + 1j * dm.A_cos[: dm.n_z], phase)
 
 
 def _motion(omega, A, phase):
-    """The imaginary part of the sum over k of A_k exp(i k phase), and its first two time derivatives."""
+    """Return the imaginary part of the sum over k of A_k exp(i k phase), and its first two time derivatives."""
     k = np.arange(1, A.size + 1)
     angles = np.multiply.outer(phase, k)
     s, c = np.sin(angles), np.cos(angles)

@@ -1,8 +1,8 @@
-"""Works of the contact forces: which there are, and those of an impact under way.
+"""Works of the contact forces: their kinds, and the works of an impact under way.
 
-The velocity of an end in the room is that of the plate below it and its own over the plate. So a force works with the plate,
-along its normal (`plate`) and along itself (`along`), and with the end: the normal force with the gap rate (`rest`, what
-restitution takes), friction with the slip. All are works on the dimer [J].
+The velocity of an end in the room is that of the plate below it and its own relative to the plate. So a force works
+with the plate, along the normal (`plate`) and along the plate (`along`), and with the end. There the normal force works
+with the gap rate (`rest`, lost to restitution) and friction with the slip. All are works on the dimer [J].
 """
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -13,12 +13,13 @@ from dimersweep.kernel.numerics.sincos import sincos
 PLATE_1, PLATE_2, ALONG, SLIP_1, SLIP_2, REST_1, REST_2 = range(7)
 WORK_NAMES = ("plate_1", "plate_2", "plate_along", "slip_1", "slip_2", "restitution_1", "restitution_2")
 N_WORK = 7
-N_CONTACT_WORK = REST_1  # of these, in contact: a closed gap has no rate
-STRUCK_ROWS = 64  # of the scratch, for phases of one impact
+# number of these in contact: a closed gap has no rate, so the normal force does no work with it
+N_CONTACT_WORK = REST_1
+STRUCK_ROWS = 64  # rows of the scratch for the phases of one impact
 
 
 class WorkTally:
-    """Whether works are wanted, and the velocity of the plate at an impact."""
+    """Velocity of the plate at an impact, for its works; and whether works are wanted."""
 
     wanted: bool
     rise: float  # velocity of the plate: along its normal, along the axis of the dimer and across it [m s-1]
@@ -28,7 +29,7 @@ class WorkTally:
 
 @compiled
 def begin_tally(dm, state, tally):
-    """Take the velocity of the plate at an impact."""
+    """Set the velocity of the plate at an impact."""
     phase = state[PHASE] + dm.phi0
     tally.rise, tally.along, tally.across = plate_rate(dm, phase), 0.0, 0.0
     if dm.sideways != 0.0:
@@ -39,7 +40,9 @@ def begin_tally(dm, state, tally):
 
 @compiled
 def note_struck(work, row, energy, rest, slip, impulses):
-    """Write the works of a phase of an impact into a row; those of phases for which there is no room are added to the last.
+    """Write the works of a phase of an impact into a row of the scratch.
+
+    Where there is no room for the row, they are added to the last one.
 
     Parameters
     ----------
@@ -49,7 +52,7 @@ def note_struck(work, row, energy, rest, slip, impulses):
     energy : float
         Unit of the works [J].
     rest, slip : (float, float)
-        What restitution and slip take at both ends, in this unit.
+        Works of restitution and of slip at both ends, in this unit.
     impulses : tuple of 5 float
         Normal impulses of both ends, the axial one, the lateral ones [N s].
     """

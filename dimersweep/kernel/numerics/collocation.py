@@ -1,7 +1,8 @@
-"""Radau IIA nodes and weights, and how fast what they integrate converges: rounded from 60 digits, the same everywhere.
+"""Radau IIA nodes and weights, and a measure of how fast they converge: rounded from 60 digits, the same everywhere.
 
-Hairer, Wanner, Solving Ordinary Differential Equations II (doi 10.1007/978-3-642-05221-7), Sect. IV.5: stiffly accurate,
-L-stable, of order 2 n - 1 with n nodes. `tests/kernel/test_collocation.py` computes them from their definition.
+Hairer, Wanner, Solving Ordinary Differential Equations II (doi 10.1007/978-3-642-05221-7), Sect. IV.5: stiffly
+accurate, L-stable, of order 2 n - 1 with n nodes. `tests/kernel/test_collocation.py` computes them from their
+definition.
 """
 
 import numpy as np
@@ -20,8 +21,8 @@ RADAU_A = np.array(
         [0.14371356079122594, 0.28135601514946207, 0.31182652297574126, 0.22310390108357075, 0.04],
     ]
 )
-# amplitudes of the two highest Chebyshev polynomials of what is interpolated, from the start and the nodes, and from the
-# nodes alone
+# weights of the values at the start and the nodes that give the amplitude of the highest Chebyshev polynomial of what
+# is interpolated (TOP); the same from the nodes alone (NEXT, one degree lower)
 TOP = np.array(
     [-0.24609375, 0.3904050691864792, -0.24809150989999024, 0.17988834596901018, -0.1253269052554992, 0.04921875]
 )

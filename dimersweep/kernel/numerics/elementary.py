@@ -1,8 +1,8 @@
-"""The elementary functions of the kernel, to 1.3 units in the last place: its numbers depend on no library's.
+"""The elementary functions of the kernel, to 1.3 units in the last place: no number depends on a library.
 
-Arguments are reduced as in fdlibm (Cody and Waite, ln 2 in two parts, the first of which has 33 bits), and the polynomials of
-logarithm and arctangent are those of its e_log and s_atan. Powers carry the logarithm in two numbers, whose products are
-split as by Dekker and Veltkamp.
+Arguments are reduced as in fdlibm (Cody and Waite, ln 2 in two parts, the first of which has 33 bits), and the
+polynomials of logarithm and arctangent are those of its e_log and s_atan. Powers carry the logarithm in two numbers,
+whose products are split as by Dekker and Veltkamp.
 """
 
 from math import copysign, inf, nan, sqrt
@@ -22,11 +22,12 @@ ROOT_2 = 1.4142135623730951
 MANTISSA, BIAS, EXPONENT = 52, 1023, 0x3FF0000000000000  # bits of a float's mantissa, and those of the exponent of 1
 FRACTION = 0xFFFFFFFFFFFFF
 LEAST_NORMAL = 2.2250738585072014e-308  # the least float with all its bits
-RAISE, RAISED = 18014398509481984.0, 54  # 2^54
+# 2^54, by which a float below LEAST_NORMAL is multiplied to have them, and 54
+RAISE, RAISED = 18014398509481984.0, 54
 LOG_1, LOG_2, LOG_3 = 6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01
 LOG_4, LOG_5, LOG_6 = 2.222219843214978396e-01, 1.818357216161805012e-01, 1.531383769920937332e-01
 LOG_7 = 1.479819860511658591e-01
-SPLIT = 134217729.0  # 2^27 + 1
+SPLIT = 134217729.0  # 2^27 + 1: splits the 53 bits of a float in halves (Veltkamp)
 ATAN_0, ATAN_1, ATAN_2 = 3.33333333333329318027e-01, -1.99999999998764832476e-01, 1.42857142725034663711e-01
 ATAN_3, ATAN_4, ATAN_5 = -1.11111104054623557880e-01, 9.09088713343650656196e-02, -7.69187620504482999495e-02
 ATAN_6, ATAN_7, ATAN_8 = 6.66107313738753120669e-02, -5.83357013379057348645e-02, 4.97687799461593236017e-02
@@ -40,7 +41,7 @@ EIGHTH_HIGH, EIGHTH_LOW = 7.85398163397448278999e-01, 3.06161699786838301793e-17
 
 @compiled(fuse=True)
 def series(x):
-    """exp(x) - 1 for an x of at most half of ln 2."""
+    """Return exp(x) - 1 for |x| of at most half of ln 2, by its power series."""
     z = x * x
     w = z * z
     low = (E2 + x * E3) + z * (E4 + x * E5) + w * ((E6 + x * E7) + z * (E8 + x * E9))
@@ -50,13 +51,13 @@ def series(x):
 
 @compiled(inline=True)
 def two_to(k):
-    """2^k for a whole k from -1022 to 1023."""
+    """Return 2^k for a whole k from -1022 to 1023."""
     return float(np.int64((k + BIAS) << MANTISSA).view(np.float64))
 
 
 @compiled(fuse=True)
 def reduced_exp(x, more):
-    """exp(x + more) as 2^k (1 + e): k and e; `more` is less than what rounds x off."""
+    """Return k and e of exp(x + more) = 2^k (1 + e); `more` is less than the rounding of x."""
     k = (x * PER_LN2 + TO_WHOLE) - TO_WHOLE
     high, low = x - k * LN2_HIGH, k * LN2_LOW - more
     rest = high - low
@@ -65,7 +66,7 @@ def reduced_exp(x, more):
 
 @compiled
 def exp_of_pair(x, more):
-    """exp(x + more), where `more` is less than what rounds x off; zero or inf where x is beyond `LEAST_EXP`, `MOST_EXP`."""
+    """Return exp(x + more), `more` being less than the rounding of x; zero or inf beyond `LEAST_EXP`, `MOST_EXP`."""
     if not LEAST_EXP <= x <= MOST_EXP:
         return 0.0 if x < LEAST_EXP else (inf if x > MOST_EXP else nan)
     k, e = reduced_exp(x, more)
@@ -74,7 +75,7 @@ def exp_of_pair(x, more):
 
 @compiled
 def exp(x):
-    """exp(x); zero or inf where x is beyond `LEAST_EXP`, `MOST_EXP`."""
+    """Return exp(x); zero or inf where x is beyond `LEAST_EXP`, `MOST_EXP`."""
     return exp_of_pair(x, 0.0)
 
 
@@ -83,7 +84,7 @@ def exp(x):
 
 @compiled
 def mantissa(x):
-    """k and m with x = 2^k m, m between the root of 1/2 and that of 2, for a finite x > 0."""
+    """Return k and m with x = 2^k m, m between the root of 1/2 and that of 2, for a finite x > 0."""
     k = -BIAS
     if x < LEAST_NORMAL:
         x, k = x * RAISE, k - RAISED
@@ -95,7 +96,7 @@ def mantissa(x):
 
 @compiled(fuse=True)
 def log_rest(s):
-    """(log(1 + f) - 2 s) / s for s = f / (2 + f)."""
+    """Return (log(1 + f) - 2 s) / s for s = f / (2 + f)."""
     z = s * s
     w = z * z
     return z * ((LOG_1 + w * (LOG_3 + w * (LOG_5 + w * LOG_7))) + z * (LOG_2 + w * (LOG_4 + w * LOG_6)))
@@ -103,7 +104,7 @@ def log_rest(s):
 
 @compiled
 def log(x):
-    """log(x) for a finite x > 0, to 1.7 units in the last place."""
+    """Return log(x) for a finite x > 0, to 1.7 units in the last place."""
     k, m = mantissa(x)
     f = m - 1.0
     s = f / (2.0 + f)
@@ -112,14 +113,14 @@ def log(x):
 
 @compiled
 def upper(x):
-    """The upper half of the bits of x."""
+    """Return the upper half of the bits of x."""
     big = SPLIT * x
     return big - (big - x)
 
 
 @compiled
 def log_pair(x):
-    """log(x) as the sum of two numbers, to 20 bits beyond the first one; for a finite x > 0."""
+    """Return log(x) as two numbers whose sum has 20 bits more than one number; for a finite x > 0."""
     k, m = mantissa(x)
     f = m - 1.0
     d = 2.0 + f
@@ -135,7 +136,7 @@ def log_pair(x):
 
 @compiled
 def raised(x, y):
-    """x^y for x >= 0, y > 0; zero or inf where that is beyond exp(`LEAST_EXP`), exp(`MOST_EXP`)."""
+    """Return x^y for x >= 0, y > 0; zero or inf where it is beyond exp(`LEAST_EXP`), exp(`MOST_EXP`)."""
     if not 0.0 < x < inf:
         return x
     high, low = log_pair(x)
@@ -148,13 +149,16 @@ def raised(x, y):
 
 @compiled
 def nearly_raised(x, y):
-    """`raised` in half its time, to some units in the last place times the logarithm of the power: for the size of a step."""
+    """Return `raised` in half its time, for the size of a step.
+
+    Its error is some units in the last place times the logarithm of the power.
+    """
     return exp(y * log(x)) if 0.0 < x < inf else x
 
 
 @compiled
 def multiplied(x, n):
-    """x^n for a whole n >= 0. (The compiler's own way calls the library where n is huge.)"""
+    """Return x^n for a whole n >= 0 by multiplications. (The compiler's own way calls the library where n is huge.)"""
     product = 1.0
     while n > 0:
         if n & 1:
@@ -166,13 +170,13 @@ def multiplied(x, n):
 
 @compiled
 def eighth_root(x):
-    """x^(1/8), by a way that is faster than `raised`."""
+    """Return x^(1/8) by three square roots, faster than `raised`."""
     return sqrt(sqrt(sqrt(x)))
 
 
 @compiled
 def length(a, b):
-    """Length of a vector whose square neither vanishes nor overflows, as none here does (``hypot`` is the system's)."""
+    """Return the length of a vector whose square neither vanishes nor overflows (``hypot`` is the system's)."""
     return sqrt(a * a + b * b)
 
 
@@ -181,7 +185,7 @@ def length(a, b):
 
 @compiled(fuse=True)
 def atan_lack(t):
-    """t less its arctangent, for a t between -7/16 and 7/16."""
+    """Return t less its arctangent, for a t between -7/16 and 7/16."""
     z = t * t
     w = z * z
     odd = z * (ATAN_0 + w * (ATAN_2 + w * (ATAN_4 + w * (ATAN_6 + w * (ATAN_8 + w * ATAN_10)))))
@@ -190,7 +194,7 @@ def atan_lack(t):
 
 @compiled
 def atan2(y, x):
-    """The angle of the finite vector (x, y) in [-pi, pi]; y where both are zero."""
+    """Return the angle of the finite vector (x, y) in [-pi, pi]; y where both are zero."""
     steep = abs(y) > abs(x)
     small, great = (abs(x), abs(y)) if steep else (abs(y), abs(x))
     if great == 0.0:
@@ -219,7 +223,7 @@ FUNCTIONS = ("sin x", "cos x", "exp x", "log |x|", "|x|^|y|", "atan2(y, x)")
 
 @exported
 def fill_functions(x, y, out):
-    """All `FUNCTIONS` of finite numbers into the rows of `out`, shape (n, 6); those of 0 and of nothing have no meaning."""
+    """Write all `FUNCTIONS` of finite numbers into the rows of `out`, shape (n, 6); some have no meaning at 0."""
     for k in range(x.size):
         out[k, 0], out[k, 1] = sincos(x[k])
         out[k, 2], out[k, 3] = exp(x[k]), log(abs(x[k]))
@@ -227,7 +231,7 @@ def fill_functions(x, y, out):
 
 
 def functions(x, y=1.0):
-    """All `FUNCTIONS` of two numbers, or of arrays of one shape, along a last axis."""
+    """Return all `FUNCTIONS` of two numbers, or of arrays of one shape, along a last axis."""
     x, y = (np.array(each, float) for each in np.broadcast_arrays(x, y))
     out = np.empty((*x.shape, len(FUNCTIONS)))
     fill_functions(x.ravel(), y.ravel(), out.reshape(-1, len(FUNCTIONS)))
@@ -235,10 +239,10 @@ def functions(x, y=1.0):
 
 
 def angles(y, x):
-    """The angle of finite vectors (x, y) in [-pi, pi]; floats, or arrays of one shape."""
+    """Return the angle of finite vectors (x, y) in [-pi, pi]; floats, or arrays of one shape."""
     return functions(x, y)[..., -1]
 
 
 def sine_and_cosine(x):
-    """`sincos` of an angle."""
+    """Return sine and cosine of an angle by `sincos`, as a list of two."""
     return functions(x)[:2].tolist()

@@ -1,7 +1,7 @@
 """The meter of a run: the work that it has done and may do, and whether it is to stop.
 
-All that works on the same scratch charges the same meter. What takes many steps looks at it in every one of them: a run so
-ends soon after its bound is reached, or after another thread has set `stop`.
+All that works on the same scratch arrays charges the same meter. Whatever takes many steps looks at the meter in every
+step. So a run ends soon after its bound is reached, or after another thread has set `stop`.
 """
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -17,17 +17,17 @@ class Meter:
 
 @compiled(inline=True)
 def charge(meter, work):
-    """Add work that has been done."""
+    """Add work that has been done, in hops of one end."""
     meter[0].spent += work
 
 
 @compiled(inline=True)
 def is_over(meter):
-    """Whether the work has to end: its bound is reached, or it is to stop."""
+    """Return True if the work has to end: its bound is exceeded, or it is to stop."""
     return meter[0].spent > meter[0].bound or meter[0].stop
 
 
 @compiled
 def set_bound(meter, bound):
-    """Begin with no work done, of which so much may be; inf for no bound."""
+    """Begin with no work done and a bound on the work to come; inf for no bound."""
     meter[0].spent, meter[0].bound = 0.0, bound

@@ -1,27 +1,31 @@
-"""Event functions, and the first zero of them in a step: a bracket, where it is probed next, and what a probe finds.
+"""Locate the first zero of event functions in a step: a bracket, its next probe, and the verdict on a probe.
 
-Contact phases and impacts march alike: a step (`steps.explicit_step`), what it has armed, and, where the least of the armed
-functions has fallen to zero, its place. Each gives its own rates, event functions and probe.
+Contact phases and impacts march alike. They take a step (`steps.explicit_step`), arm event functions, and locate the
+zero where the least of the armed functions has fallen to zero. Each passes its own rates, event functions and probe.
 """
 
 from math import inf
 
 from dimersweep.kernel.compiler.jit import compiled
 
-MAX_ROOT_PROBES = 160  # halvings end it long before
+MAX_ROOT_PROBES = 160  # probes of a zero: halvings end it long before
 MAX_NEWTON = 30  # iterations of Newton's rule, which ends by itself long before, or finds nothing
-CARRIED = 0.1  # way over which a probe may carry the last one on, in units of its place: its error is one of that
-# in place of an event: a probe within the step is worse than the step itself, which has passed over a singularity
+# distance over which the last probe may be carried on, in units of the place of the probe: the error goes with the
+# distance
+CARRIED = 0.1
+# in place of an event: a probe within the step has a larger error than the step itself, which has passed over a
+# singularity
 UNSOUND = -3
 PROBE_LOOK_ON, PROBE_FOUND, PROBE_REFUSED = range(3)  # the verdict of a probe
-# of the first guess on a cubic: evaluations, change of the function that is left, and way to its slope
+# first guess on a cubic: evaluations; share of the change of the function that may be left; distance to which its slope
+# is taken
 ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = 12, 1e-6, 1e-3
 GUESSES = 6  # probes by Newton's rule, after which the bracket alone decides
 
 
 @compiled(inline=True)
 def arm(value, problem, armed, n):
-    """Arm those of n event functions that have become positive. ``value(problem, k)`` is function k."""
+    """Arm each of n event functions that has become positive; ``value(problem, k)`` is function k."""
     for k in range(n):
         if armed[k] == 0.0 and value(problem, k) > 0.0:
             armed[k] = 1.0
@@ -29,7 +33,7 @@ def arm(value, problem, armed, n):
 
 @compiled(inline=True)
 def least_armed(value, problem, armed, n):
-    """Least of those of n event functions that are armed, and its number (inf and -1 if none is)."""
+    """Return the least of the armed of n event functions, and its number (inf and -1 if none is armed)."""
     least, which = inf, -1
     for k in range(n):
         if armed[k] > 0.0:
@@ -40,7 +44,7 @@ def least_armed(value, problem, armed, n):
 
 
 class RootBracket:
-    """Where a zero lies, and where it is probed next."""
+    """Bracket around a zero, its last probe, and the guess where to probe next."""
 
     low: float
     high: float
@@ -56,7 +60,7 @@ class RootBracket:
 
 @compiled
 def set_bracket(s, h, g_low, g_high, guess, slope):
-    """Look for a zero in (0, h], from the values at its ends and a first guess with the slope there."""
+    """Begin a bracket (0, h] from the values at its ends and a first guess with the slope there."""
     s.low, s.high, s.g_low, s.g_high, s.side = 0.0, h, g_low, g_high, 0
     s.probes, s.at, s.g = 0, h, g_high
     s.guess, s.slope = guess, slope
@@ -64,8 +68,10 @@ def set_bracket(s, h, g_low, g_high, guess, slope):
 
 @compiled
 def next_probe(s):
-    """Where to probe: by Newton's rule, else at the secant point; in the middle if that is not inside, and in every third
-    probe, since the least of several functions may have a bend that regula falsi creeps to.
+    """Return the place of the next probe.
+
+    It is that of Newton's rule, else the secant point. It is the middle if that point is not inside, and in every third
+    probe: the least of several functions may have a bend, to which regula falsi creeps.
     """
     low, high, g_low, g_high = s.low, s.high, s.g_low, s.g_high
     if s.probes < GUESSES and low < s.guess < high:
@@ -76,10 +82,10 @@ def next_probe(s):
 
 @compiled
 def note_probe(s, mid, g, aim, steep):
-    """Narrow the bracket by the value g at mid (Anderson and Bjorck's regula falsi); Newton's rule aims at the value `aim`.
+    """Narrow the bracket by the value g at mid, by Anderson and Bjorck's regula falsi.
 
-    The value kept at an end that stays twice is scaled down, so that both ends close in. `steep` says that the last two probes
-    tell the slope better than the guess did.
+    The value at an end that stays twice is scaled down, so that both ends close in. Newton's rule aims at the value
+    `aim`. `steep` is True if the last two probes give the slope better than the guess.
     """
     if g > 0.0:
         if s.side < 0:
@@ -99,7 +105,7 @@ def note_probe(s, mid, g, aim, steep):
 
 @compiled(inline=True)
 def zero_on_cubic(value, problem, s, h, g_start, g_end):
-    """First guess of where in a step h a function vanishes, and its slope there.
+    """Return a first guess of where in a step h a function vanishes, and its slope there.
 
     ``value(problem, share)`` is the function on the cubic through the step, at a share of it.
     """
@@ -117,13 +123,14 @@ def zero_on_cubic(value, problem, s, h, g_start, g_end):
 
 @compiled(inline=True)
 def locate(probe, problem, s, h, aim, steep):
-    """Close the bracket of a step h around its first event, and return that; UNSOUND where a probe is refused.
+    """Close the bracket of a step h around its first event, and return the event; UNSOUND where a probe is refused.
 
-    ``probe(problem, at)`` takes the step up to `at` and gives the least event function there, its event, and PROBE_LOOK_ON,
-    PROBE_FOUND or PROBE_REFUSED. The last probe is at the event. Newton's rule aims at the value `aim`; `steep` is that of
+    ``probe(problem, at)`` takes the step up to `at`. It returns the least event function there, its event, and
+    PROBE_LOOK_ON, PROBE_FOUND or PROBE_REFUSED. The last probe is at the event. `aim` and `steep` are those of
     `note_probe`.
     """
-    while s.high - s.low > 1e-15 * h and s.probes < MAX_ROOT_PROBES:  # as round-off allows
+    # 1e-15: some units of round-off, below which a bracket cannot be halved
+    while s.high - s.low > 1e-15 * h and s.probes < MAX_ROOT_PROBES:
         mid = next_probe(s)
         g, event, verdict = probe(problem, mid)
         if verdict != PROBE_LOOK_ON:

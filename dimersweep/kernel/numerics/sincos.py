@@ -1,14 +1,15 @@
-"""Sine and cosine of one angle at once, in half the time of two library calls, whose numbers may depend on the library.
+"""Sine and cosine of one angle at once: in half the time of two library calls, and without numbers of a library.
 
-The angle is brought into [-pi/4, pi/4] by whole right angles (Cody and Waite, pi/2 in two parts, the first of which has 33
-bits), where two polynomials have the values to rounding (those of fdlibm: coefficients of its __kernel_sin, __kernel_cos).
+The angle is brought into [-pi/4, pi/4] by whole right angles (Cody and Waite, pi/2 in two parts, the first of which has
+33 bits). There two polynomials have the values to rounding (those of fdlibm: coefficients of its __kernel_sin,
+__kernel_cos).
 """
 
 from math import copysign, inf, nan
 
 from dimersweep.kernel.compiler.jit import compiled
 
-SMALL = 0.78  # angle that is in that interval as it is
+SMALL = 0.78  # angle that lies in that interval as it is: slightly less than pi / 4
 MOST_ANGLE = 1e5  # angle up to which the first product of the reduction is exact, with room to spare
 PER_RIGHT = 0.63661977236758134  # 2 / pi
 TWO_PI = 6.283185307179586
@@ -22,7 +23,10 @@ C4, C5, C6 = -2.75573143513906633035e-07, 2.08757232129817482790e-09, -1.1359647
 
 @compiled(fuse=True, inline=True)
 def polynomials(y):
-    """Sine and cosine of an angle within a right angle's half, by pairs of terms: a chain half as long as term after term."""
+    """Return sine and cosine of an angle of at most half a right angle.
+
+    The terms are added in pairs: a chain half as long as term after term.
+    """
     z = y * y
     w = z * z
     s = (S1 + z * S2) + w * ((S3 + z * S4) + w * (S5 + z * S6))
@@ -32,13 +36,17 @@ def polynomials(y):
 
 @compiled(fuse=True)
 def sincos(x):
-    """sin x and cos x, to 1.5 units in the last place; beyond `MOST_ANGLE`, of an angle within half of such a unit of x."""
+    """Return sin x and cos x, to 1.5 units in the last place.
+
+    Beyond `MOST_ANGLE` they are those of an angle within half such a unit of x; nan where x is not finite.
+    """
     if abs(x) <= SMALL:
         return polynomials(x)
     if not abs(x) <= MOST_ANGLE:
         if not abs(x) < inf:
             return nan, nan
-        x = copysign(abs(x) % TWO_PI, x)  # exact, and 2 pi is rounded off by less than x
+        # the remainder is exact, and the rounding of 2 pi counts less than that of x
+        x = copysign(abs(x) % TWO_PI, x)
     turns = (x * PER_RIGHT + TO_WHOLE) - TO_WHOLE
     s, c = polynomials((x - turns * RIGHT_HIGH) - turns * RIGHT_LOW)
     quarter = int(turns) & 3
@@ -49,13 +57,14 @@ def sincos(x):
 
 @compiled(inline=True)
 def one_minus_cos(s, c):
-    """1 - cos x from sin x, cos x without cancellation."""
+    """Return 1 - cos x from sin x, cos x without cancellation."""
     return s * s / (1.0 + c) if c > 0.0 else 1.0 - c
 
 
 @compiled(inline=True)
 def x_minus_sin(x, s):
-    """x - sin x without cancellation."""
+    """Return x - sin x without cancellation; s is sin x."""
+    # above 0.5 no more than five bits cancel; below it the series is good to some units of round-off
     if abs(x) > 0.5:
         return x - s
     y = x * x

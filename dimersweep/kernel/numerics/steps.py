@@ -1,4 +1,7 @@
-"""One step of DOP853, which every phase shares: stage sums, error norms, step control; and dense solves."""
+"""Take one step of DOP853, which every phase shares, and solve dense equations.
+
+The parts of a step are stage sums, error norms and step control.
+"""
 
 from math import inf, sqrt
 
@@ -19,7 +22,10 @@ def copy(source, target, n):
 
 @compiled(fuse=True, inline=True)
 def stage_sums(i, last, K):
-    """Slopes K of the stages of DOP853 before number `last`, weighted by row i of its table; the first WIDTH entries."""
+    """Return the slopes K of the stages of DOP853 before number `last`, weighted by row i of its table and summed up.
+
+    They are the sums of the first WIDTH entries.
+    """
     a, slope = DOP_A[i, 0] if last > 0 else 0.0, K[0]
     t0, t1, t2, t3 = a * slope[0], a * slope[1], a * slope[2], a * slope[3]
     t4, t5, t6, t7 = a * slope[4], a * slope[5], a * slope[6], a * slope[7]
@@ -38,7 +44,7 @@ def stage_sums(i, last, K):
 
 @compiled(fuse=True, inline=True)
 def explicit_error(h, K, first, last, scale):
-    """Error over the tolerance of the entries from `first` up to `last` in a step of DOP853."""
+    """Return the error over the tolerance of the entries from `first` up to `last` in a step of DOP853."""
     sum5, sum3 = 0.0, 0.0
     for k in range(first, last):
         e5, e3 = DOP_E5[0] * K[0, k], DOP_E3[0] * K[0, k]
@@ -56,9 +62,9 @@ def explicit_error(h, K, first, last, scale):
 
 @compiled(fuse=True, inline=True)
 def explicit_finish(h, y, K, n, scale, out):
-    """New state into `out`; returns the error of the first WIDTH entries over the tolerance (1 is acceptable).
+    """Write the new state into `out`; return the error of the first WIDTH entries over the tolerance (1 is acceptable).
 
-    What lies beyond only follows from those: whether it is wanted must not change the steps.
+    Entries beyond these only follow from them: whether they are wanted must not change the steps.
     """
     t0, t1, t2, t3, t4, t5, t6, t7 = stage_sums(DOP_STAGES, DOP_STAGES, K)
     out[0], out[1], out[2], out[3] = y[0] + h * t0, y[1] + h * t1, y[2] + h * t2, y[3] + h * t3
@@ -73,11 +79,12 @@ def explicit_finish(h, y, K, n, scale, out):
 
 @compiled(fuse=True, inline=True)
 def explicit_step(slopes, problem, h, y, K, n, scale, out):
-    """One DOP853 step of size h from y into `out`; returns the error over the tolerance. K[0] has the slopes at y.
+    """Take one DOP853 step of size h from y into `out`; return the error over the tolerance. K[0] has the slopes at y.
 
-    ``slopes(problem, i, ...)`` gives those of stage i, of the first WIDTH entries of the state, from these entries; it writes
-    those of the others, which nothing depends on, into K[i] itself. The newest slopes stay in registers: to write them to K and
-    to read them at once takes a tenth of a step of an impact, and half of the rates of a contact.
+    ``slopes(problem, i, ...)`` returns the slopes of stage i of the first WIDTH entries of the state, from these
+    entries. It writes the slopes of the other entries, on which nothing depends, into K[i] itself. The newest slopes
+    stay in registers: to write them to K and to read them at once takes a tenth of a step of an impact, and half of the
+    rates of a contact.
     """
     k = K[0]
     k0, k1, k2, k3, k4, k5, k6, k7 = k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7]
@@ -103,16 +110,18 @@ def explicit_step(slopes, problem, h, y, K, n, scale, out):
 
 @compiled
 def step_factor(error):
-    """By what to multiply the step after one with this error."""
+    """Return the factor by which to multiply the step after a step with this error over the tolerance."""
     if not error < inf:
         return 0.1
+    # an eighth root: the error goes with the eighth power of the step. 0.9 leaves room, and 0.18 = 0.9 / 5 bounds the
+    # factor by 5
     root = eighth_root(error)
     return max(0.1, 0.9 / root) if root > 0.18 else 5.0
 
 
 @compiled(fuse=True)
 def lu_factor(A, n, pivots):
-    """LU factors of A with row pivoting, in place; returns False when A is singular or not finite."""
+    """Factor A by LU with row pivoting, in place; return False when A is singular or not finite."""
     for k in range(n):
         p, big = k, abs(A[k, k])
         for i in range(k + 1, n):
@@ -151,7 +160,7 @@ def lu_solve(A, n, pivots, b):
 
 @compiled
 def on_cubic(start, rates, end, rates_end, s, h, n, out):
-    """Cubic through the ends of a step of size h at share s, into `out`."""
+    """Write the cubic through the ends of a step of size h at share s into `out`."""
     u = 1.0 - s
     for k in range(n):
         rise = end[k] - start[k]

@@ -3,7 +3,7 @@
 import numpy as np
 
 # fmt: off
-# the last row gives the new state
+# rows: the stages, and last the new state
 DOP_A = np.array([
     [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
     [0.05260015195876773, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -22,5 +22,6 @@ DOP_A = np.array([
 DOP_E3 = np.array([-0.18980075407240762, 0.0, 0.0, 0.0, 0.0, 4.450312892752409, 1.8915178993145003, -5.801203960010585, -0.4226823213237919, -0.1521609496625161, 0.20136540080403034, 0.02265179219836082])
 DOP_E5 = np.array([0.01312004499419488, 0.0, 0.0, 0.0, 0.0, -1.2251564463762044, -0.4957589496572502, 1.6643771824549864, -0.35032884874997366, 0.3341791187130175, 0.08192320648511571, -0.022355307863886294])
 DOP_C = DOP_A[:-1].sum(axis=1)  # times of the stages
-DOP_SKIPPED = np.array([0, 1, 1, 2, 2, 3, 3, 3, 3, 3, 3, 3, 5])  # in each row no entry but the first counts before this one
+# place in each row before which all entries but the first are zero
+DOP_SKIPPED = np.array([0, 1, 1, 2, 2, 3, 3, 3, 3, 3, 3, 3, 5])
 # fmt: on

@@ -1,1 +1,1 @@
-"""What motion a run has settled to."""
+"""The verdict on a run: the motion that it has settled to."""

@@ -1,8 +1,8 @@
-"""The verdict on a run: its mode of motion, the numbers that go with it, and the orbit of a drift.
+"""Give the verdict on a run: its mode of motion, the numbers that go with it, and the orbit of a drift.
 
 A mode is known long before the numbers stand: the spin creeps on, and a path that bends less and less takes hundreds of
-periods to its radius. A run stops where its numbers would come no further than STILL in the periods that are left, at
-their pace over the last ones: so they are those at the end of the periods asked for, to 1e-3.
+periods to its radius. A run stops where its numbers would change by no more than STILL in the periods that are left, at
+their pace over the last periods. So they are those at the end of the periods asked for, to 1e-3.
 """
 
 from math import copysign, nan, pi
@@ -34,39 +34,49 @@ from dimersweep.kernel.verdict.past import RING, double, strobe
 from dimersweep.kernel.verdict.settling import SETTLED_PERIODS, SLOW_SPEED, settled_period, spin_drift, whole
 from dimersweep.kernel.verdict.track import track_of
 
-DOWN_LINE = 0.9  # share of the time one ball is down in the drift mode
-TOGETHER = 0.15  # landings of a jump lie closer than this
-FIT = 20  # double events in the fit of an orbit's drift
+# least share of the time that one ball is down in the drift mode: it chatters, and for Gamma > 1 the plate throws it
+# off
+DOWN_LINE = 0.9
+TOGETHER = 0.15  # the two landings of a jump lie closer than this, in forcing periods
+FIT = 20  # double events in the fit of the slopes of an orbit
 SPAN = 12  # last periods, over which the shares of contact and the longest hops are taken
-STAYS = 3.0  # periods for which both ends have been down where they stay down
-STILL = 8e-4  # change of its numbers, relative, in radians, cycles or periods, that a stopped run leaves out at most
-V_SPIN = N_ORBIT  # beside the values of an orbit
-STRAIGHT = 1e-9  # precession, in omega: changes of lesser ones are relative to this one
+STAYS = 3.0  # periods for which both ends have been down, from which on they stay down
+# change of the numbers (relative, or in radians, cycles or periods) that a stopped run leaves out at most: somewhat
+# less than the 1e-3 that is promised
+STILL = 8e-4
+V_SPIN = N_ORBIT  # place of the spin, after the values of an orbit
+STRAIGHT = 1e-9  # precession rate, in omega: changes of a lesser rate are relative to this one
 
 
 @compiled
 def down_until(row, i, off):
-    """Time that end i has been down by a strobe [s], up to a constant; a flight that goes on since `off` (or not: < 0) is
-    a long one.
+    """Return the time that end i has been down by a strobe [s], up to a constant.
+
+    A flight that goes on since the time `off` counts as a long one; a negative `off` means none.
     """
     return row.time + row.long[i] - (row.time - off if off >= 0.0 else 0.0)
 
 
 @compiled
 def share(past, span, p, i):
-    """Share of the last periods that end i is down, in [0, 1]: of a flight, the part within them is not.
+    """Return the share of the last `span` periods that end i is down, in [0, 1].
 
-    One that goes on at their end is as long as that which went on a period p of the motion before; a long one if p is 0.
+    The part of a long flight within these periods counts as not down. A flight under way at their end counts as long if
+    a flight was under way a period p of the motion before, too; it always does if p is 0.
     """
     row, old = past.strobes[strobe(past, 0)], past.strobes[strobe(past, span)]
     goes_on = past.strobes[strobe(past, p)].off[i] >= 0.0
     down = down_until(row, i, row.off[i] if goes_on else -1.0) - down_until(old, i, old.off[i])
-    return max(0.0, min(1.0, down / (row.time - old.time)))  # but for rounding it is
+    # but for rounding the share lies in [0, 1]
+    return max(0.0, min(1.0, down / (row.time - old.time)))
 
 
 @compiled
 def longest_landed(dm, past, span, back, i):
-    """Longest hop of end i that ended in the `span` periods up to `back` periods before the last strobe [periods]."""
+    """Return the longest hop of end i that ended in a stretch of strobes [periods].
+
+    The stretch has `span` periods and ends `back` periods before the last strobe.
+    """
     longest = 0.0
     for k in range(span):
         longest = max(longest, past.strobes[strobe(past, back + k)].hop[i])
@@ -75,8 +85,10 @@ def longest_landed(dm, past, span, back, i):
 
 @compiled
 def down_and_hop(dm, past, span, rest, p, i):
-    """Share of the last `span` periods that end i is down, and the longest time that it was off the plate [periods], of the
-    hops that ended or went on in them; for the `rest` of them it lies still.
+    """Return the share of the last `span` periods that end i is down, and its longest hop in them [periods].
+
+    The hop is the longest time that the end was off the plate, of the hops that ended or went on in these periods. For
+    the `rest` of them the end lies still.
     """
     if span <= 0:
         return nan, nan
@@ -91,13 +103,13 @@ def down_and_hop(dm, past, span, rest, p, i):
 
 @compiled
 def stays_down(past):
-    """Whether both ends have been on the plate for some periods."""
+    """Return True if both ends have been on the plate for STAYS periods."""
     return past.closed >= STAYS
 
 
 @compiled
 def mode_on_the_plate(dm, state, past, at_rest):
-    """Mode of a motion whose ends both stay down."""
+    """Return the mode of a motion whose ends both stay down."""
     if at_rest:
         return M_REST
     if past.held < STAYS:
@@ -107,7 +119,10 @@ def mode_on_the_plate(dm, state, past, at_rest):
 
 @compiled
 def mode_of(dm, past):
-    """Mode of a motion whose ends do not both stay down, and its period in forcing periods (0 where it has none)."""
+    """Return the mode of a motion whose ends do not both stay down, and its period.
+
+    The period is in forcing periods, 0 where there is none.
+    """
     p = settled_period(past, False)
     if p == 0:
         p = settled_period(past, True)
@@ -121,14 +136,19 @@ def mode_of(dm, past):
     together, turns, total = landing_pattern(dm, past, span)
     if (total > 0 and together == total) or (total == 0 and doubles >= span / p):
         return M_JUMP, p
-    if p > 1 and total >= 2 and turns == total - 1:  # the ends land in turn: each landing but the first is a change
+    # the ends land in turn: each landing but the first is a change of end
+    if p > 1 and total >= 2 and turns == total - 1:
         return M_FLUTTER, p
     return M_PERIOD_N, p
 
 
 @compiled
 def landing_pattern(dm, past, span):
-    """Of the long landings of the last `span` periods: those with one of the other end beside them, changes of end, all."""
+    """Count the long landings of the last `span` periods; return three numbers.
+
+    These are the landings paired with a landing of the other end, the changes of end from landing to landing, and all
+    landings.
+    """
     last, kept = int(past.n_landings) - 1, min(int(past.n_landings), RING)
     begin = (past.n_strobes - span) * dm.period
     together, turns, total, later_end = 0, 0, 0, -1.0
@@ -141,8 +161,9 @@ def landing_pattern(dm, past, span):
         total += 1
         turns += 1 if later_end >= 0.0 and row.end != later_end else 0
         later_end = row.end
-        beside = False  # one of the other end at nearly the same time
-        for k in range(max(back - 1, 0), min(back + 2, kept)):  # it can only be the landing before it, or after it
+        # a landing of the other end at nearly the same time: it can only be the landing before this one, or after it
+        beside = False
+        for k in range(max(back - 1, 0), min(back + 2, kept)):
             other = past.landings[(last - k) % RING]
             beside = beside or (other.end != row.end and abs(other.time - row.time) < TOGETHER * dm.period)
         together += 1 if beside else 0
@@ -151,7 +172,7 @@ def landing_pattern(dm, past, span):
 
 @compiled
 def orbit_value(past, k, back):
-    """Value k of the orbit (one of V_..., or V_SPIN) at the double event `back` before the last."""
+    """Return value k of the orbit (V_RADIUS and so on, or V_SPIN) at the double event `back` before the last."""
     row, old = past.doubles[double(past, back)], past.doubles[double(past, back + 1)]
     if k == V_ZETA:
         return row.zeta
@@ -171,7 +192,7 @@ def orbit_value(past, k, back):
 
 @compiled
 def orbit_slope(past, k, n):
-    """Slope of value k of the orbit over the last n double events, by least squares."""
+    """Return the slope of value k of the orbit over the last n double events, by least squares."""
     mean_x, mean_y = 0.5 * (n - 1), 0.0
     for back in range(n):
         mean_y += orbit_value(past, k, back) / n
@@ -185,18 +206,18 @@ def orbit_slope(past, k, n):
 
 @compiled
 def fitted(past):
-    """Number of double events in the fit of an orbit's drift."""
+    """Return the number of double events in the fit of the slopes of an orbit."""
     return min(min(FIT, RING - 1), int(past.n_doubles) - 1)
 
 
 @compiled
 def orbit_of(past, out):
-    """Orbit of a drift from its double events into the outcome: last values, and their slopes over the last FIT.
+    """Write the orbit of a drift from its double events into the outcome: last values, and slopes over the last FIT.
 
     Returns
     -------
     int
-        How the last double impact ended.
+        End state of the last double impact: a code in ``layout.DI_ENDS``.
     """
     if past.n_doubles < 2.0:
         return 0
@@ -210,10 +231,10 @@ def orbit_of(past, out):
 
 @compiled
 def stays_as_it_is(dm, past, left):
-    """Whether the motion has settled, and its numbers stand as they are for the periods that are left of a run.
+    """Return True if the motion has settled, and its numbers stay as they are for the periods `left` of a run.
 
-    Where they go with the heading, their pace of now says nothing of the turn to come. Where both ends stay down, and do not
-    rest, the speed changes.
+    Where the numbers depend on the heading, their present pace says nothing of the turn to come. Where both ends stay
+    down and do not rest, the speed changes.
     """
     if dm.sideways != 0.0 or stays_down(past) or settled_period(past, False) == 0:
         return False
@@ -222,11 +243,12 @@ def stays_as_it_is(dm, past, left):
 
 @compiled
 def change_ahead(dm, past, left):
-    """Largest change of a settled motion's numbers in the periods that are left, at their pace over the last ones.
+    """Return the largest change of the numbers of a settled motion in the periods `left`.
 
-    Relative of the radius, period, speed and precession rate of a drift; absolute of its angle [rad] and phase [cycles]; of
-    any motion relative of its spin, absolute of its longest hops [periods] and of the angle that its heading turns by [rad],
-    or relative to that where it is more than one.
+    The numbers change at their pace over the last periods. Of a drift count the relative changes of radius, period,
+    speed and precession rate, and the absolute changes of angle [rad] and phase [cycles]. Of any motion count the
+    relative change of the spin and the absolute change of the longest hops [periods]. The angle by which the heading
+    turns counts, too: its change [rad], relative to the angle where that is more than one.
     """
     mode, p = mode_of(dm, past)
     if p == 0 or left == 0:
@@ -236,31 +258,38 @@ def change_ahead(dm, past, left):
     for i in range(2):
         pace = max(pace, abs(longest_landed(dm, past, p, 0, i) - longest_landed(dm, past, p, span, i)) / span)
     turn, bend = heading_pace(past, p)
+    # at a constant change of the turning, `bend`, the angle differs by left^2 bend / 2; `left` comes as a factor below
     pace = max(pace, 0.5 * left * abs(bend) / max(1.0, left * abs(turn)))
     if mode == M_DRIFT:
         n, unit = fitted(past), dm.g / dm.omega
         turning = relative_pace(past, V_RATE, n, STRAIGHT * dm.omega)
         moving = relative_pace(past, V_SPEED, n, SLOW_SPEED * unit)
-        pace = max(
-            max(pace, abs(turning)), max(abs(moving), abs(moving - turning))
-        )  # of the period, the speed and the radius
+        # the pace of the period is that of the rate, reversed; then of the speed and of the radius, speed over rate
+        pace = max(max(pace, abs(turning)), max(abs(moving), abs(moving - turning)))
         pace = max(pace, abs(orbit_slope(past, V_PHASE, n)))
         angle = abs(orbit_slope(past, V_ZETA, n))
-        if angle > pace:  # a dimer that stands has none
+        # a dimer that stands has no angle: nan is not greater
+        if angle > pace:
             pace = angle
     return left * pace
 
 
 @compiled
 def relative_pace(past, k, n, least):
-    """Slope of value k of the orbit over the last n double events, relative to the value, or to the least that counts."""
+    """Return the slope of value k of the orbit over the last n double events, relative to the value.
+
+    It is relative to the value `least`, with its sign, where the value is smaller.
+    """
     value = orbit_value(past, k, 0)
     return orbit_slope(past, k, n) / copysign(max(abs(value), least), value)
 
 
 @compiled
 def heading_pace(past, p):
-    """Turning of the heading per forcing period over the last periods of a motion of period p, and its change [rad]."""
+    """Return the turning of the heading per forcing period [rad], and its change per period.
+
+    They are those over the last periods of a motion of period p.
+    """
     span = whole(p, SPAN)
     now, old = past.strobes[strobe(past, 0)].theta, past.strobes[strobe(past, span)].theta
     turn, turn_before = now - old, old - past.strobes[strobe(past, 2 * span)].theta
@@ -269,7 +298,7 @@ def heading_pace(past, p):
 
 @compiled
 def clear_outcome(codes, out):
-    """No verdict: no number has a meaning."""
+    """Set an outcome without a verdict: no number has a meaning."""
     codes.mode, codes.mode_period, codes.di_end, codes.track = M_UNRESOLVED, 0, DI_NONE, TRACK.none
     for k in range(N_ORBIT):
         out.orbit[k] = out.drift[k] = nan
@@ -281,9 +310,10 @@ def clear_outcome(codes, out):
 
 @compiled
 def verdict(dm, state, past, at_rest, left, codes, out):
-    """Mode, its period, the end of the double impact, the track, and the numbers that go with them, into the outcome of a run.
+    """Write the verdict on a run into its outcome.
 
-    A run that rests does so for the periods that are left of it, too: both ends are down in them.
+    It has the mode, its period, the end of the double impact, the track, and the numbers that go with them. A run that
+    rests does so for the periods `left` of it, too: both ends are down in them.
     """
     clear_outcome(codes, out)
     p, run, rest = 0, out.run, left if at_rest else 0

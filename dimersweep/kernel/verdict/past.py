@@ -1,8 +1,9 @@
-"""What a run keeps of its past, for the verdict on it.
+"""Keep the past of a run, for the verdict on it.
 
-Kept are the last strobes (normal state and spin at the period boundaries), double events (landings of one ball while the
-other one is down, with the state after the last impact of each burst) and long landings. Lines drawn here, in forcing
-periods: a ball is down while it is closed or in hops shorter than HOP_LINE; impacts of one double event lie within BURST.
+It has three rings. Strobes are the normal state and the spin at the period boundaries. Double events are landings of
+one ball while the other ball is down, with the state after the last impact of each burst. The third ring has long
+landings. Two lines are drawn here, in forcing periods. A ball is down while it is closed or in hops shorter than
+HOP_LINE; impacts of one double event lie within BURST.
 """
 
 from math import nan, pi, sqrt
@@ -30,34 +31,38 @@ from dimersweep.kernel.model.layout import (
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.verdict.track import TrackState
 
-HOP_LINE = 0.5  # hops, in forcing periods, from which on a ball is not down
-NOTED = 0.4  # hops from which on landings are kept: one just below the line may go with one just above it
+HOP_LINE = 0.5  # hop, in forcing periods, from which on a ball is not down
+# hop, in forcing periods, from which on its landing is kept: one just below HOP_LINE may be paired with one just above
+# it
+NOTED = 0.4
 BURST = 0.05  # forcing periods within which impacts are one double event
-SLIP_LINE = 1e-7  # slip, in g/omega, from which an end slips at the end of a double impact
+# slip, in g/omega, above which an end counts as slipping at the end of a double impact
+SLIP_LINE = 1e-7
 
 RING = 64
 N_NORMAL = 4
-PAST_SHAPE = (3 + 3 * RING, 24)  # of a past in a file: rows for itself, its runs, the track and what it keeps
+# shape of a past in a file: rows for itself, its runs and the track, and for the three rings
+PAST_SHAPE = (3 + 3 * RING, 24)
 Ends = Annotated[list[float], 2]  # of p1 and p2
 
 
 class Strobe:
-    """A period boundary."""
+    """State of the motion at a period boundary."""
 
     x: Annotated[list[float], N_NORMAL]  # gaps and gap rates, which a motion repeats [g/omega^2], [g/omega]
     spin: float  # r s [g/omega]
-    long: Ends  # time in long hops that are over, below zero [s]
+    long: Ends  # minus the time in long hops that are over [s]
     doubles: float  # number of double events so far
     time: float  # since the start [s]
-    off: Ends  # when the ends left the plate, below zero where they are down, or in a hop that proved short [s]
+    off: Ends  # time at which the ends left the plate; below zero where they are down, or in a short hop [s]
     hop: Ends  # longest hops that ended in the period before [s]
-    heading: float  # where it counts [rad]
-    theta: float  # it in any case [rad]
+    heading: float  # heading where it counts, else 0 [rad]
+    theta: float  # heading in any case [rad]
     spare: Annotated[list[float], 9]
 
 
 class Double:
-    """The state after the last impact of a double event."""
+    """State after the last impact of a double event."""
 
     time: float
     phase: float  # of the plate [cycles]
@@ -66,13 +71,13 @@ class Double:
     theta: float
     spin: float
     beta_rate: float
-    end: float  # how it ended: a code in ``layout.DI_ENDS``
+    end: float  # end state of its impact: a code in ``layout.DI_ENDS``
     bouncer: float
     spare: Annotated[list[float], 15]
 
 
 class Landing:
-    """The end of a hop that is nearly long, or longer."""
+    """End of a hop that is nearly long, or longer."""
 
     time: float
     end: float
@@ -81,19 +86,19 @@ class Landing:
 
 
 class Past:
-    """All that is kept of a run. What it keeps of a kind stands in a ring: the n-th in place n % RING."""
+    """Past of a run. The entries of a kind stand in a ring: the n-th in place n % RING."""
 
     off: Ends  # as in a strobe
     long: Ends
     n_doubles: float
     n_landings: float
     n_strobes: float
-    closed: float  # for how many periods both ends have been closed
+    closed: float  # number of periods for which both ends have been closed
     hop: Ends
-    fastest: float  # greatest speed in the plate's frame so far [m/s], by which an impact is slow
-    held: float  # for how many periods both ends have stuck
+    fastest: float  # greatest speed in the plate's frame so far [m/s]: the measure of slow impacts
+    held: float  # number of periods for which both ends have stuck
     spare: Annotated[list[float], 12]
-    runs: Annotated[list[float], 24]  # in place p for how many periods the motion has repeated with period p
+    runs: Annotated[list[float], 24]  # place p: number of periods for which the motion has repeated with period p
     track: TrackState
     strobes: Annotated[list[Strobe], RING]
     doubles: Annotated[list[Double], RING]
@@ -102,25 +107,25 @@ class Past:
 
 @compiled
 def strobe(past, back):
-    """Place of the strobe `back` periods before the last one."""
+    """Return the place of the strobe `back` periods before the last strobe."""
     return (int(past.n_strobes) - 1 - back) % RING
 
 
 @compiled
 def double(past, back):
-    """Place of the double event `back` events before the last one."""
+    """Return the place of the double event `back` events before the last one."""
     return (int(past.n_doubles) - 1 - back) % RING
 
 
 @compiled
 def time_of(dm, state):
-    """Time since the start [s]."""
+    """Return the time since the start [s]."""
     return state[PERIOD] * dm.period + state[PHASE] / dm.omega
 
 
 @compiled
 def begin_past(past):
-    """An empty past; both balls down. What stands in the rings is read no further than it is counted here."""
+    """Empty a past, with both balls down. Entries of the rings are read no further than they are counted here."""
     for i in range(2):
         past.off[i], past.long[i], past.hop[i] = -1.0, 0.0, 0.0
     past.n_doubles = past.n_landings = past.n_strobes = past.closed = past.fastest = past.held = past.track.begun = 0.0
@@ -142,7 +147,7 @@ def note_contact_modes(dm, past, state, modes):
 
 @compiled
 def note_landing(dm, past, i, now):
-    """End i is back on the plate; returns whether its flight was a long one."""
+    """Note that end i is back on the plate; return True if its flight was a long one."""
     off = past.off[i]
     if off < 0.0:
         return False
@@ -150,7 +155,8 @@ def note_landing(dm, past, i, now):
     hop = now - off
     past.hop[i] = max(past.hop[i], hop)
     is_long = hop >= HOP_LINE * dm.period
-    if not is_long:  # it counts as down after all, and crosses the last period boundary at most
+    # an end in a short hop counts as down after all; such a hop crosses no boundary but the last
+    if not is_long:
         last = past.strobes[strobe(past, 0)]
         if last.off[i] == off:
             last.off[i] = -1.0
@@ -171,8 +177,8 @@ def note_landings(dm, past, state):
     Returns
     -------
     end, begins : int, bool
-        The end that has landed, the one from a long flight if there is one; and whether a double event begins with it: it
-        comes from a long flight, and the other ball is down.
+        The end that has landed, that from a long flight if there is one; and True if a double event begins with it:
+        it comes from a long flight, and the other ball is down.
     """
     now = time_of(dm, state)
     long_flight, end = False, 0
@@ -188,21 +194,24 @@ def note_landings(dm, past, state):
 
 @compiled
 def zeta_of(c_a, c_b, bouncer):
-    """Angle of (9) between the rod, towards the bouncer, and the velocity of the centre of mass [rad]; NaN without motion."""
+    """Return the angle of (9) from the rod, towards the bouncer, to the centre's velocity [rad]; NaN without motion."""
     forward = c_a if bouncer == 1 else -c_a
     return atan2(abs(c_b), forward) if c_a != 0.0 or c_b != 0.0 else nan
 
 
 @compiled
 def sticks(dm, state, i):
-    """Whether end i ends a double impact sticking: below the line drawn here slip is of no consequence."""
+    """Return True if end i sticks at the end of a double impact: slip below SLIP_LINE is of no consequence."""
     _, a, b = contact_velocity(dm, state, i)
     return sqrt(a * a + b * b) <= SLIP_LINE * dm.g / dm.omega
 
 
 @compiled
 def double_end(dm, state, i):
-    """How a double impact ends: the code in ``layout.DI_ENDS``, which names the end that stays down before the bouncer, i."""
+    """Return the code in ``layout.DI_ENDS`` of the end of a double impact.
+
+    The code names the end that stays down first and the bouncer, i, second.
+    """
     return DI_SP_SP + 2 * sticks(dm, state, 1 - i) + sticks(dm, state, i)
 
 
@@ -213,7 +222,7 @@ def note_impact(dm, state, past, both, i, begins):
     Parameters
     ----------
     both : bool
-        The impact began with both ends closed.
+        True if the impact began with both ends closed.
     i, begins : int, bool
         See `note_landings`.
     """

@@ -1,23 +1,26 @@
-"""When a motion has settled, and with which period: when its fast part has.
+"""Find whether a motion has settled, and its period: it has settled when its fast part has.
 
-A dimer turns and rolls on while its spin creeps, by some 1e-6 to 1e-3 of itself in a period. All else
-follows at once: a motion goes through a family of orbits, one for each spin, and its strobe moves along it. So there are
-two measures of how far a strobe x (gaps and gap rates, in g/omega^2 and g/omega) is from one that repeats over p periods:
+A dimer turns and rolls on while its spin creeps, by some 1e-6 to 1e-3 of itself in a period. All else follows at once:
+a motion goes through a family of orbits, one for each spin, and its strobe moves along the family. Let x be a strobe
+(gaps and gap rates, in g/omega^2 and g/omega). There are two measures of how far x is from a strobe that repeats over p
+periods:
 
 * its change; or, where the spin (r s in g/omega) has changed by more, so that the motion goes along the family,
-* SETTLED_PERIODS times its second difference: x less where it was bound for at the pace of the p periods before. There the
-  creep cancels but for its own slow change, and what is left is the fast part.
+* SETTLED_PERIODS times its second difference: the distance of x from where the pace of the p periods before would lead.
+  There the creep cancels but for its own slow change, and the fast part is left.
 
 On a plate that is tilted or moves sideways the family has an orbit for each heading, too. There a change of the heading
-[rad] counts as one of the spin does, and a second difference only by what exceeds the change times that of the heading:
-so much comes of a strobe that goes smoothly with it.
+[rad] counts as one of the spin does. A second difference counts only by what exceeds the change times that of the
+heading: so much comes of a strobe that goes smoothly with the heading.
 
-A strobe has repeated if the less of the two is below SETTLED_CHANGE, or below KEPT where the motion has settled before: on
-its way along the family it passes corners, where the number of its small hops or the order of stick and slip changes. A
-heading that turns passes them again and again: there a change below that of the heading will do, too. The motion has
-settled when it has repeated for SETTLED_PERIODS periods: what then is left of the fast part would change x by
-SETTLED_CHANGE in as many again, or less. A run that ends before has settled, too, where the fast part is seen to fall
-geometrically, over SETTLED_PERIODS periods, to below SETTLED_CHANGE.
+A strobe has repeated if the smaller of the two is below SETTLED_CHANGE, or below KEPT where the motion has settled
+before. On its way along the family the motion passes corners, where the number of its small hops or the order of stick
+and slip changes. A heading that turns passes them again and again: there a change below that of the heading is enough,
+too.
+
+The motion has settled when it has repeated for SETTLED_PERIODS periods: the rest of the fast part would then change x
+by SETTLED_CHANGE in as many again, or less. A run that ends before has settled, too, where the fast part is seen to
+fall geometrically, over SETTLED_PERIODS periods, to below SETTLED_CHANGE.
 """
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -27,20 +30,27 @@ from dimersweep.kernel.verdict.past import N_NORMAL, note_strobe, strobe, time_o
 from dimersweep.kernel.verdict.track import Fix, follow_track
 
 SETTLED_CHANGE = 1e-4  # change of a strobe, in g/omega^2 and g/omega, that counts as none
-KEPT = 1e-3  # the same of a motion that has settled before: it is not lost at a corner of its family
-# share of a shorter period's residual that is left after SETTLED_PERIODS periods, below which it is on its way to none
+# the same for a motion that has settled before: it stays settled at a corner of its family
+KEPT = 1e-3
+# share of the residual of a shorter period that is left after SETTLED_PERIODS periods, below which it is on its way to
+# none
 FADING = 0.99
-SETTLED_PERIODS = 24  # periods a motion repeats before it counts as settled
-FALL, FALL_STRETCH = 0.5, SETTLED_PERIODS // 3  # what is left of a fast part that falls after so many periods, at most
+SETTLED_PERIODS = 24  # periods for which a motion repeats before it counts as settled
+# share of a fast part that is left, at most, after FALL_STRETCH periods if it falls geometrically
+FALL, FALL_STRETCH = 0.5, SETTLED_PERIODS // 3
+# longest period of a motion in forcing periods: with it the strobes that are compared, at most 55 back, are still in
+# the ring
 MAX_PERIOD = 16
-SLOW_SPEED = 0.01  # speed in g/omega below which a velocity has no direction, and changes are relative to this one
+# speed in g/omega below which a velocity has no direction; changes of a lower speed are relative to this one
+SLOW_SPEED = 0.01
 
 
 @compiled
 def note_period(dm, state, modes, past):
-    """Strobe at a period boundary, count for how long the motion has repeated with each period, and go on with its track.
+    """Note the strobe at a period boundary, and continue the track of the motion.
 
-    On a level plate the heading is of no consequence, so that the centre of a circle stands: its place is not wanted.
+    Count for how many periods the motion has repeated with each period p. On a level plate the heading is of no
+    consequence, so that the centre of a circle stands: its place is not computed.
     """
     note_strobe(dm, state, modes, past)
     settled = False
@@ -54,13 +64,13 @@ def note_period(dm, state, modes, past):
 
 @compiled
 def has_repeated(past, p):
-    """Whether the motion has repeated with period p for long enough."""
+    """Return True if the motion has repeated with period p for long enough."""
     return past.runs[p] >= SETTLED_PERIODS + p
 
 
 @compiled
 def repeats(past, p):
-    """Whether the motion has come back to where it was p periods ago, but for the creep of its spin and its heading."""
+    """Return True if the motion is where it was p periods ago, but for the creep of its spin and its heading."""
     if past.n_strobes <= p:
         return False
     _, turned = slow_changes(past, p, 0)
@@ -69,7 +79,7 @@ def repeats(past, p):
 
 @compiled
 def residual(past, p, back):
-    """How far the strobe `back` periods before the last one is from one that repeats over p periods."""
+    """Return how far the strobe `back` periods before the last one is from a strobe that repeats over p periods."""
     moved = change(past, p, back)
     if past.n_strobes <= 2 * p + back or moved <= SETTLED_CHANGE:
         return moved
@@ -81,14 +91,14 @@ def residual(past, p, back):
 
 @compiled
 def slow_changes(past, p, back):
-    """How far the spin and the heading came in p periods up to `back` periods before the last strobe."""
+    """Return the changes of the spin and of the heading in p periods up to `back` periods before the last strobe."""
     row, old = past.strobes[strobe(past, back)], past.strobes[strobe(past, back + p)]
     return abs(row.spin - old.spin), abs(row.heading - old.heading)
 
 
 @compiled
 def change(past, p, back):
-    """Change of the strobe in these periods."""
+    """Return the change of the strobe in p periods up to `back` periods before the last strobe."""
     row, old = past.strobes[strobe(past, back)], past.strobes[strobe(past, back + p)]
     apart = 0.0
     for k in range(N_NORMAL):
@@ -98,7 +108,7 @@ def change(past, p, back):
 
 @compiled
 def fast_change(past, p, back):
-    """Second difference of the strobe: its change in these periods less that in the p periods before."""
+    """Return the second difference of the strobe: its change in p periods less that in the p periods before."""
     row, old = past.strobes[strobe(past, back)], past.strobes[strobe(past, back + p)]
     older = past.strobes[strobe(past, back + 2 * p)]
     apart = 0.0
@@ -109,7 +119,7 @@ def fast_change(past, p, back):
 
 @compiled
 def largest_residual(past, p, stretch, back):
-    """Largest residual over p periods in a stretch of strobes that ends `back` periods before the last one."""
+    """Return the largest residual over p periods in a stretch of strobes, `back` periods before the last one."""
     apart = 0.0
     for k in range(stretch):
         apart = max(apart, residual(past, p, back + k))
@@ -118,7 +128,7 @@ def largest_residual(past, p, stretch, back):
 
 @compiled
 def shortens(past, p):
-    """Whether a motion that repeats with period p does so, or is about to, with a shorter one, a divisor of p."""
+    """Return True if a motion that repeats with period p does so, or is about to, with a divisor of p."""
     for q in range(1, p):
         if p % q == 0 and (
             past.runs[q] >= p
@@ -130,7 +140,10 @@ def shortens(past, p):
 
 @compiled
 def rings_down(past, p):
-    """Whether the fast part falls by FALL from each FALL_STRETCH of the last periods to the next, to below SETTLED_CHANGE."""
+    """Return True if the fast part falls geometrically to below SETTLED_CHANGE.
+
+    It falls by FALL from each FALL_STRETCH of the last periods to the next.
+    """
     if past.n_strobes < SETTLED_PERIODS + 2 * p:
         return False
     older = largest_residual(past, p, FALL_STRETCH, 2 * FALL_STRETCH)
@@ -140,8 +153,10 @@ def rings_down(past, p):
 
 @compiled
 def settled_period(past, rings):
-    """Least number of forcing periods with which the motion has repeated long enough, 0 if with none; or, where it `rings`,
-    with which the fast part falls geometrically to none.
+    """Return the least period with which the motion has repeated long enough, 0 if there is none.
+
+    If `rings` is True, it is the least period with which the fast part falls geometrically to none. It is in forcing
+    periods.
     """
     for p in range(1, MAX_PERIOD + 1):
         if (rings_down(past, p) if rings else has_repeated(past, p)) and not shortens(past, p):
@@ -151,12 +166,15 @@ def settled_period(past, rings):
 
 @compiled
 def whole(p, n):
-    """So many periods, or as many of them as are whole periods p of the motion, at least one; all where it has none, 0."""
+    """Return the greatest number of periods up to n that is a multiple of the period p of the motion, at least p.
+
+    It is n where the motion has no period (p is 0).
+    """
     return p * max(1, n // p) if p > 0 else n
 
 
 @compiled
 def spin_drift(past, p):
-    """Change of the spin per forcing period over the last periods of a motion of period p [g/(omega r)]."""
+    """Return the change of the spin per forcing period over the last periods of a motion of period p [g/(omega r)]."""
     span = whole(p, SETTLED_PERIODS)
     return (past.strobes[strobe(past, 0)].spin - past.strobes[strobe(past, span)].spin) / span

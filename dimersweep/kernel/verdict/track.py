@@ -1,7 +1,8 @@
-"""The track that the centre of mass draws on the plate, from period boundary to period boundary, once the motion has settled.
+"""Follow the track of the centre of mass on the plate, from period boundary to period boundary.
 
-Where the centre of a circle moves steadily, the track is a cycloid, r = c + U t + R (cos theta, sin theta) with the heading
-theta turned by a fixed angle. Kept are the last whole turn of the heading and what the velocity did in it.
+A track begins when the motion has settled. Where the centre of a circle moves steadily, the track is a cycloid, r = c +
+U t + R (cos theta, sin theta) with the heading theta turned by a fixed angle. The last whole turn of the heading is
+kept, and the changes of the velocity in it.
 """
 
 from math import nan, pi
@@ -12,12 +13,13 @@ from dimersweep.kernel.model.layout import TRACK
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import TWO_PI, sincos
 
-TURNED_BACK = 0.1  # turning of the heading [rad] that counts: less is straight, and a reversal comes back by more
-STANDS = 0.01  # speed of a circle's centre, in that of the dimer, below which it stands
+# turning of the heading [rad] that counts: a path that turns by less is straight, and a reversal comes back by more
+TURNED_BACK = 0.1
+STANDS = 0.01  # speed of a circle's centre, over that of the dimer, below which the centre stands
 
 
 class Fix(NamedTuple):
-    """A point of a track, or the way from one to another [s], [m], [rad]."""
+    """Point of a track, or the difference of two points [s], [m], [rad]."""
 
     time: float
     x: float
@@ -26,18 +28,18 @@ class Fix(NamedTuple):
 
 
 class TrackState:
-    """What is kept of a track: what it is, and a turn under way."""
+    """Kind of a track so far, and its turn under way."""
 
-    begun: float  # whether there is one
+    begun: float  # 1.0 if there is a track
     kind: float  # see `layout.TRACKS`
     u_x: float  # velocity of its centre [m s-1]
     u_y: float
-    start: Fix  # where the turn began
-    last: Fix  # at the last period boundary
-    far: float  # of the turn: furthest heading [rad]
-    bend: float  # turning of the velocity [rad]
-    length: float  # of the path [m]
-    cusp: float  # whether it has one
+    start: Fix  # point at which the turn began
+    last: Fix  # point at the last period boundary
+    far: float  # furthest heading of the turn, from its start [rad]
+    bend: float  # turning of the velocity in the turn [rad]
+    length: float  # length of the path in the turn [m]
+    cusp: float  # 1.0 if the turn has a cusp
     v_x: float  # last mean velocity over a period that has a direction [m s-1]
     v_y: float
     spare: Annotated[list[float], 6]
@@ -51,13 +53,13 @@ def put(now, point):
 
 @compiled
 def way_to(now, point):
-    """The way to a point from one in a record."""
+    """Return the difference between a point and an earlier point in a record."""
     return Fix(now.time - point.time, now.x - point.x, now.y - point.y, now.heading - point.heading)
 
 
 @compiled
 def follow_track(track, now, no_speed):
-    """Take a track on to its next point.
+    """Continue a track to its next point.
 
     Parameters
     ----------
@@ -88,20 +90,20 @@ def follow_track(track, now, no_speed):
 
 @compiled
 def turned_back(far, turned):
-    """Whether a heading that has turned so `far` from where its turn began, and is at `turned` from there now, comes back."""
+    """Return True if a heading comes back: it has turned by `far` at most since its turn began, and now by `turned`."""
     return abs(far) > TURNED_BACK and abs(far - turned) > TURNED_BACK
 
 
 @compiled
 def begin_turn(track, now):
-    """Count a turn from here."""
+    """Begin a turn at this point."""
     put(now, track.start)
     track.far = track.bend = track.length = track.cusp = 0.0
 
 
 @compiled
 def note_velocity(track, step, no_speed):
-    """Note the mean velocity over a step: how far it turned, and whether by more than a right angle at once."""
+    """Note the mean velocity over a step: the angle by which it turned, and a cusp if that exceeds a right angle."""
     track.length += length(step.x, step.y)
     v_x, v_y = step.x / step.time, step.y / step.time
     if length(v_x, v_y) <= no_speed:
@@ -117,7 +119,7 @@ def note_velocity(track, step, no_speed):
 
 @compiled
 def end_turn(track, way, step):
-    """The velocity of the centre over the whole turn that ended in the last step, and what the track was in it."""
+    """Set the velocity of the centre over the whole turn that ended in the last step, and the kind of the track."""
     track.u_x, track.u_y = centre_velocity(way, step)
     if track.cusp != 0.0:
         track.kind = TRACK.cusps
@@ -130,17 +132,18 @@ def end_turn(track, way, step):
 
 @compiled
 def centre_velocity(way, step):
-    """Velocity of a circle's centre over a whole turn of the heading, exact where the track is a cycloid [m/s].
+    """Return the velocity of the centre of a circle over a whole turn of the heading [m/s].
 
-    The last step goes beyond the turn by an angle `over`. Taken off are the part w of it that does: on a cycloid, where with
-    complex places z = c + U t + A exp(i theta), that is w = (1 - exp(-i over)) / (1 - exp(-i step)), and
+    It is exact where the track is a cycloid. The last step goes beyond the turn by an angle `over`, and the part w of
+    the step that does so is taken off. On a cycloid, with complex places z = c + U t + A exp(i theta), it is w = (1 -
+    exp(-i over)) / (1 - exp(-i step)), and
 
         U = (z - w z_step) / (t - w t_step).
 
     Parameters
     ----------
     way, step : Fix
-        Since the turn began, which is the first that is whole; and the last step of it.
+        Difference since the turn began, up to the first point at which it is whole; and that of its last step.
     """
     over = way.heading - (TWO_PI if way.heading > 0.0 else -TWO_PI)
     sin_over, _ = sincos(0.5 * over)
@@ -155,10 +158,10 @@ def centre_velocity(way, step):
 
 @compiled
 def track_of(track, ahead):
-    """What a track is, and the velocity of the circle's centre over the last whole turn; see `layout.TRACKS`.
+    """Return the kind of a track, and the velocity of the circle's centre over the last whole turn.
 
-    The heading turns by the angle `ahead` [rad] in the periods that are left of a run that stopped before: only on a level
-    plate does a run that turns do so, and there the centre stands.
+    The kinds are those of `layout.TRACKS`. The heading turns by the angle `ahead` [rad] in the periods that are left of
+    a run that stopped before its end. A run that turns stops early on a level plate only, and there the centre stands.
     """
     if track.begun == 0.0:
         return TRACK.none, nan, nan
