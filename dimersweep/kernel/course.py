@@ -29,10 +29,10 @@ class Course:
     """Progress of a run between two events."""
 
     status: int  # OK, or why the run cannot go on
-    ended: bool  # whether the run has ended before its last forcing period
-    pending: bool  # whether the contact of the ends at rest on the plate is to be chosen anew
+    ended: bool  # True if the run has ended before its last forcing period
+    pending: bool  # True if the contact of the ends at rest on the plate is to be chosen anew
     event: int  # event that has just ended a contact phase (`contact.events`), NO_EVENT if none has
-    contact_is_set: bool  # the contact state is the one just chosen: it holds slips that the kernel state rounds off
+    contact_is_set: bool  # True if the contact state was just chosen: it has slips that the kernel state rounds off
     slip_tol: float  # slip that counts as none in contact [m/s]
     cause: int  # cause of the next event row
     contact_before: float  # contact state of Table 1 before the event
@@ -71,10 +71,10 @@ class Ask(NamedTuple):
     """Request for a run: its length, accuracy and results."""
 
     periods: int  # forcing periods at most
-    rtol: float  # the one accuracy knob
+    rtol: float  # tolerance of the run, from which all others follow
     close: float  # accuracy of the close of a chatter: less than rtol where its hops are to be followed further
     settle: bool  # stop at the end of the period in which the verdict is known
-    path: bool  # whether x1, y1 and gamma are wanted
+    path: bool  # True if x1, y1 and gamma are wanted
 
 
 class Motion(NamedTuple):

@@ -46,9 +46,9 @@ class Read(NamedTuple):
     """Numbers that are read off a passage, for Python: a row of an array in the kernel."""
 
     spin: float  # spin after the last strike of the bouncer, or at the end without a strike [rad/s]
-    turned: float  # theta there [rad]
-    theta: float  # at the end [rad]
-    hop_1: float  # longest time for which each end is off the plate, in the motion of which this is one period [rad]
+    turned: float  # theta after that strike, or at the end [rad]
+    theta: float  # theta at the end [rad]
+    hop_1: float  # longest time for which each end is off the plate, if the motion repeats after the passage [rad]
     hop_2: float
     phase: float  # phase of that strike since the section [rad]; this and the next two are NaN without a strike
     speed: float  # speed of the centre of mass after the strike [m/s]

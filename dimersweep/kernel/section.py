@@ -11,7 +11,8 @@ from dimersweep.kernel.model.body import attitude, contact_velocity, set_dimer
 from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, N1, N2, N_STATE, OK, SPIN, STICK, WB, WP
 from dimersweep.kernel.numerics.elementary import atan2
 
-# why there is no state at a point: an end is below the plate, or higher above the other one than the dimer is long
+# statuses of a point without a state: an end is below the plate; or an end is higher above the other than the dimer is
+# long
 SUNK, STEEP = -3, -2
 SLOTS = (D1, D2, N1, N2, WP, SPIN, CA, CB)  # slots of the coordinates in a state
 N_POINT, SPIN_COORDINATE = len(SLOTS), SLOTS.index(SPIN)
@@ -63,8 +64,7 @@ def set_state(dm, units, point, modes, state):
 def hold(dm, modes, state):
     """Bring the ends that stick to rest: the motion of the centre of mass follows from the other rates."""
     if modes[0] == STICK and modes[1] == STICK:
-        # both ends at rest do not turn about the vertical line through each other: the dimer rolls straight on, or as a
-        # cone
+        # with both contact points at rest nothing turns about the vertical: the dimer rolls straight on, or as a cone
         state[WP] = -state[SPIN] * dm.sin_0 / dm.cos_0
     for i in range(2):
         if modes[i] == STICK:

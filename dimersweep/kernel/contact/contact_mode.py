@@ -21,7 +21,8 @@ from dimersweep.kernel.numerics.elementary import length
 CLOSED, SEPARATES, INCONSISTENT = 0, 1, 2
 # force, in units of the weight, below which the sign may be rounding: the sign a moment later decides in its place
 NO_FORCE = 1e-12
-# that moment [rad of the plate's phase]: far above the rounding of a phase, far below the time in which forces change
+# phase of the plate [rad] after which such a force is judged again: far above the rounding of a phase, and far below
+# the phase over which forces change
 MOMENT = 1e-6
 # slip that is rounding, in units of the speeds it is a difference of: nine units of round-off
 ROUNDED_SLIP = 2e-15
@@ -293,6 +294,7 @@ def mode_of_pair(dm, c, event):
     elif not on_1 and not on_2 and is_driven_in(dm, c, 0):
         stays = 0
     answer = mode_of_one(dm, c, stays, slip)
+    # the sign is 1 if p1 leads, else -1: beta' opens the gap of p2, and closes that of p1
     if held and answer == CLOSED and (1.0 - 2.0 * leading(c.modes)) * c.dy[Y.w_b] * dm.l < -NO_FORCE * dm.g:
         # friction can hold both ends, but the force at one of them pulls; beside the other end alone it is driven in:
         # both slip

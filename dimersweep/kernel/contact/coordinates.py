@@ -20,22 +20,22 @@ from dimersweep.kernel.model.works import N_CONTACT_WORK
 from dimersweep.kernel.numerics.elementary import atan2, length
 from dimersweep.kernel.numerics.sincos import sincos
 
-N_CLOSED, N_PATH = 8, 11  # entries without the path, and with it
-N_WORKED = N_PATH + N_CONTACT_WORK  # and with the works
+N_CLOSED, N_PATH = 8, 11  # entries of a contact state without the path, and with it
+N_WORKED = N_PATH + N_CONTACT_WORK  # entries with path and works
 N_Y = N_WORKED + 2
 
 
 class Slots(NamedTuple):
     """Places of the numbers in a contact state."""
 
-    dip: int = 0  # above level
+    dip: int = 0  # dip above level [rad]
     w_b: int = 1  # beta'
     w_p: int = 2  # theta' cos(beta)
     spin: int = 3
-    u_a: int = 4  # slip of the leading end
+    u_a: int = 4  # slip of the leading end, axial and lateral; upright along a and b of the chart [m s-1]
     u_b: int = 5
     theta: int = 6
-    time: int = 7  # since the start of a step
+    time: int = 7  # time since the start of a step [s]
     x: int = 8  # x1, y1 and gamma; upright, the place along b and a, and chi
     y: int = 9
     gamma: int = 10
@@ -44,7 +44,8 @@ class Slots(NamedTuple):
     # BY_HEADING or UPRIGHT, and theta of the axes of that chart: the same throughout a phase
     chart: int = N_WORKED
     axes: int = N_WORKED + 1
-    k_a: int = 0  # upright, in place of the dip, the rates and theta
+    # upright: horizontal parts of the axis k and of its rate, in place of dip, beta', theta' cos(beta) and theta
+    k_a: int = 0
     dk_a: int = 1
     dk_b: int = 2
     k_b: int = 6

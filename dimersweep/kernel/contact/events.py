@@ -21,11 +21,11 @@ from dimersweep.kernel.numerics.steps import on_cubic
 # Events of a contact phase. A kind of event that an end has takes two numbers: the even one is p1's, the odd one p2's.
 # A phase evaluates one event function for each number.
 LIFT_OFF, HOLD_LOST, SLIP_END = 0, 2, 4
-LANDING = 6  # of the end that is open
+LANDING = 6  # the open end lands
 LEAVES_CHART = 7  # no event of the dimer: the state leaves its chart
 JAM = 8  # the force of a slip grows beyond all bounds (a dynamic jam)
 N_CONTACT_EVENTS = 9
-N_FORCE_EVENTS = SLIP_END  # those below this number are lift-offs and lost holds
+N_FORCE_EVENTS = SLIP_END  # events below this number are lift-offs and losses of a hold
 # in place of an event: the time is over; a bound on steps, or on probes for a landing, was reached; the phase goes on
 # (-3 is `root_bracket.UNSOUND`)
 NO_EVENT, OUT_OF_STEPS, OUT_OF_PROBES, GOES_ON = -1, -2, -4, -5
@@ -39,7 +39,7 @@ LOW_FORCE = 0.5
 # how far past its zero an event function may be, in units of the tolerance and of the change of the function in the
 # step
 ZERO_PASSED = 1e-3
-# dip angle that may be left when the open end lands, in units of the above: it is then set to zero
+# dip angle that may be left when the open end lands, in units of the distance by ZERO_PASSED: it is then set to zero
 DIP_LEFT = 100.0
 
 

@@ -33,7 +33,7 @@ class Contact(NamedTuple):
     """Ends that touch the plate at a moment: their modes, state, rates and forces. All arrays are modified in place."""
 
     modes: Any  # friction modes of the ends, shape (2,)
-    phase: float  # of the plate [rad]
+    phase: float  # phase of the plate [rad]
     y: Any  # contact state, shape (N_Y,), and its rates
     dy: Any
     F: Any  # forces [N], and the compliance [1/m], shape (N_F,)
@@ -166,12 +166,12 @@ def double_rates(dm, modes, pull, y, path, dy, F):
 class Single(NamedTuple):
     """Rates and forces of a contact of one end, in the chart by heading."""
 
-    w_b: float  # of beta'
-    w_p: float  # of theta' cos(beta)
+    w_b: float  # rate of beta'
+    w_p: float  # rate of theta' cos(beta)
     spin: float
-    a: float  # of the slip, axial and lateral
+    a: float  # rates of the slip, axial and lateral
     b: float
-    turn: float  # of theta
+    turn: float  # rate of theta
     F: float  # forces [N]: normal, axial, lateral
     A: float
     L: float
@@ -202,7 +202,7 @@ def put_forces(i, normal, axial, lateral, compliance, F):
 def path_rates(dm, p, rod):
     """Return the rates of x1, y1 and gamma; p is the leading end."""
     sin_b, cos_b, w_b, w_p, spin, u_a, u_b, theta = rod
-    away = p.h - dm.p1.h  # from the centre of p1
+    away = p.h - dm.p1.h  # distance of the ball centres of p1 and p
     v_a = u_a - (p.r - away * sin_b) * w_b
     v_b = u_b - (p.r * sin_b - away) * w_p + p.r * cos_b * spin
     sin_t, cos_t = sincos(theta)

@@ -29,7 +29,7 @@ from dimersweep.kernel.numerics.steps import copy, step_factor
 MAX_PHASE_STEPS = 200000
 MAX_CHARTS = 20000  # changes of the chart in a phase
 # step, in forcing periods, below which the contact force counts as growing beyond all bounds, and in which no event
-# hides: a hundred units of round-off of the phase
+# hides: some tens of units of round-off of the plate's phase
 LEAST_STEP = 1e-14
 # time in which the slip turns, in forcing periods, below which the plain method is left: its steps would be short
 PLAIN_LEAST_TURN = 0.02
@@ -128,7 +128,8 @@ def step_on(p):
     if event != GOES_ON:
         return event
     choose_step(p)
-    # a full step over this time held no event: the cut one needs no look for events
+    # no event comes so early: a sample asks for a time before the event of its run. A step in xi could not end at a
+    # time
     if c.cut:
         c.method, c.size = PLAIN_METHOD if c.method == PLAIN_METHOD else IMPLICIT, p.until - c.time
     error = step_control.step_to(p, c.now, c.size)
@@ -140,6 +141,7 @@ def step_on(p):
     b.armed[JAM] = 1.0 if min(start.F[COMPLIANCE], out.F[COMPLIANCE]) < TIGHT else 0.0
     b.values[0, JAM] = start.F[COMPLIANCE]
     least, event = least_value(p, out, b.values[3])
+    # first, because a hidden event would be earlier than the one at hand
     if may_hide_event(p, least, event):
         return GOES_ON
     if p.until < p.span and c.time + out.y[Y.time] > p.until:
@@ -160,6 +162,8 @@ def slip_about_to_end(p, span):
     slow it is: the steps look for what else happens meanwhile, such as a lift-off.
     """
     dm, y = p.dm, p.b.start.y
+    # the error of a straight line over an angle x of the motion is x^2 / 2: a fifth of the tolerance for x = 0.6
+    # tol^(1/2)
     brief = min(span, 0.6 * sqrt(p.tol) / motion_rate(dm, y))
     for i in range(2):
         if p.modes[i] == SLIP:
@@ -321,6 +325,8 @@ def stop_at_event(p, least, event):
     c.time += max(0.0, y[Y.time])
     if not events.is_slip_end(event):
         return event
+    # a slip that still is some times the one that counts as none has not ended: only its part along the old direction
+    # has
     if length(*slip_of(p.dm, p.modes, y, events.end_of(event))) <= 4.0 * p.slip_tol:
         set_slip(p.dm, p.modes, y, events.end_of(event), 0.0, 0.0)
         return event

@@ -64,7 +64,7 @@ class StepArrays:
 class Control:
     """Numbers that a step of a contact phase leaves to the next step."""
 
-    time: float  # since the start of the phase [s]
+    time: float  # time since the start of the phase [s]
     now: float  # plate phase at the start of the step [rad]
     h: float  # size of the next step: h in time [s], xi in xi
     xi: float
@@ -74,7 +74,7 @@ class Control:
     speed_rate: float
     method: int  # PLAIN_METHOD, RESCALED or IMPLICIT
     size: float  # size of the step, in the unit of its method
-    last: bool  # whether the step ends the span
+    last: bool  # True if the step ends the span
     cut: bool  # True if the step is cut to end at `until`, because a full step passed it
     doubt: float  # tolerance of the works in a step, where they are wanted [J]
 
@@ -84,7 +84,7 @@ class Phase(NamedTuple):
 
     dm: Any
     modes: Any
-    phase: float  # of the plate at the start [rad]
+    phase: float  # phase of the plate at the start of the contact phase [rad]
     span: float  # time that the steps are chosen for [s]
     until: float  # time to stop at, at most the span: a sample takes the steps of its run, and stops earlier [s]
     tol: float  # error per step, in units of the scales of the state
@@ -145,7 +145,7 @@ class Step(NamedTuple):
     """Step of a contact phase, of h seconds or, by the rescaled method, h units of xi."""
 
     p: Phase
-    phase: float  # of the plate at its start [rad]
+    phase: float  # phase of the plate at the start of the step [rad]
     h: float
     method: int
     gamma: float

@@ -232,6 +232,7 @@ def friction_modes(dm, z, modes, tol, lost):
         if not lost and axial_hold_left(dm, f_1, f_2, drive / dm.pair.aa) >= 0.0:
             modes[0], modes[1] = STICK, STICK
         else:
+            # half of the slip that counts as none, the way that the normal forces drive it
             z[ZA] = copysign(0.5 * tol, drive)
     elif at_rest_1:
         modes[0] = hold_or_slip(dm, 0, z, f_1, f_2, tol, lost)

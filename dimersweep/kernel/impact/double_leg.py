@@ -81,10 +81,10 @@ class Stride:
     h: float  # size of the step, or of the next one
     longest: float
     turning: float  # time in which friction turns the slip that it turns fastest
-    slow: int  # steps in a row after which a slip is so slow that friction might hold it
+    slow: int  # number of steps in a row after which a slip is so slow that friction might hold it
     near: float  # distance over which the last probe may be carried on
-    faint: float  # compression whose energy is worth a gap rate of the tolerance
-    uncompressed: bool  # whether the leg begins with both ends uncompressed
+    faint: float  # compression whose energy is about the tolerance: added to both before they are compared
+    uncompressed: bool  # True if the leg begins with both ends uncompressed
     clock_before: int  # clock, size and error (over the tolerance) of the last step that was taken, if any
     h_before: float
     error_before: float
@@ -164,6 +164,7 @@ def ruling_clock(dm, z, gains, faint):
     if alike and z[ZN1] == z[ZN2] and z[ZX1] == z[ZX2]:
         return BOTH_CLOCK if z[ZA] == 0.0 else PLAIN_CLOCK
     u_1, u_2 = gains[0] * z[ZN1], gains[1] * z[ZN2]
+    # dY_i / dtau goes with u_i over the root of X_i: squared, and without a division
     return 0 if u_1 * u_1 * (z[ZX2] + faint) > u_2 * u_2 * (z[ZX1] + faint) else 1
 
 
@@ -294,7 +295,7 @@ def begin_leg(leg, z, e):
         z[k], leg.b.K[0, k], leg.b.rates_probe[k] = 0.0, 0.0, 0.0
     for k in range(WIDTH):
         leg.b.scale[k] = leg.tol
-    # 0.4: the root of the energy goes with X^(5/4) for Hertz's law, and is to be half a power of the tolerance
+    # 0.4 is 1 / (5/2): for Hertz's law the energy of that compression is about the tolerance
     s.faint = nearly_raised(leg.tol, 0.4)
     s.clock, s.longest = ruling_clock(leg.dm, z, leg.b.gains, s.faint), 1.0 / sqrt(max(leg.b.gains[0], leg.b.gains[1]))
     s.h = FIRST_LEG_STEP * eighth_root(leg.tol) * s.longest
@@ -343,7 +344,8 @@ def step_on(leg, z):
             return GOES_ON
     copy(leg.b.out, z, leg.n)
     from_clock(s.clock, z)
-    # a slip that has only turned by a right angle goes on
+    # events 6 and 7 are ends of slip: one that still is some times the slip that counts as none has only turned, and
+    # goes on
     if least <= 0.0 and (event < 6 or length(z[ZA], z[ZB1 + event - 6]) <= 4.0 * leg.slip_tol):
         return event
     still = might_stick(leg.dm, leg.modes, z, leg.slip_tol)

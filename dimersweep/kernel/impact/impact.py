@@ -82,11 +82,11 @@ class DoubleImpact(NamedTuple):
     slip_tol: float  # slip that counts as none [V]
     left: float  # gap rate that counts as none [V]; `least`: the compression that is worth as much
     least: float
-    z: Any  # the contact velocities and the compressions
-    start: Any  # those before the impact
-    before: Any  # those before the phase
-    mid: Any  # those at which a slip ended within the phase
-    compressing: Any  # 1.0 for an end in compression, -1.0 for one in restitution
+    z: Any  # contact velocities and compressions
+    start: Any  # contact velocities and compressions before the impact
+    before: Any  # the same before the phase
+    mid: Any  # the same at the moment within the phase at which a slip ended
+    compressing: Any  # for each end 1.0 in compression, -1.0 in restitution
     e: Any  # restitution of both ends
 
 
@@ -134,6 +134,8 @@ def acts(d, i):
         return False
     w, other = d.dm.pair, end(d.dm, j)
     na_i, na_j = (w.na_1, w.na_2) if i == 0 else (w.na_2, w.na_1)
+    # tau is the axial impulse at the other end per normal impulse there: of its slip, of its stick, or of slip out of
+    # rest
     v = length(z[ZA], z[ZB1 + j])
     if v > d.slip_tol:
         friction, _ = slip_force(other.mu_hit, 1.0, z[ZA], 0.0)

@@ -146,7 +146,7 @@ def swerve(law, c, v, b, P):
     """
     w_v, (_, slope) = law.na * c - law.mu * law.aa, turning(law, c, 0.0)
     x, size, fade = w_v * P / v, 0.5 * b * b / v, 2.0 * slope + w_v
-    left = max(0.0, 1.0 + x)  # of v, and of s
+    left = max(0.0, 1.0 + x)  # share of v that is left; dies: share of s
     dies = exp(slope * P / v * (log(left) / x if abs(x) > 1e-8 else 1.0)) if left > 0.0 else 0.0
     S, S_1 = left * dies * dies - 1.0, left * left * dies * dies - 1.0
     return size * S / fade, size * (v * S_1 / (fade + w_v) - P) / fade, b * left * dies

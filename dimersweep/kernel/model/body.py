@@ -268,6 +268,7 @@ def slip_rounding(dm, state):
     """Return the round-off of a contact velocity [m/s]: slip below it counts as none."""
     r, h = extent(dm)
     size = abs(state[CA]) + abs(state[CB]) + r * abs(state[SPIN]) + h * (abs(state[WB]) + abs(state[WP]))
+    # eight units of round-off: a contact velocity is a sum of three products of rounded numbers
     return 8.0 * 2.3e-16 * size
 
 

@@ -6,7 +6,7 @@ from math import inf, nan, pi
 from typing import Annotated, Any, NamedTuple
 
 # --- parameters at rest: one flat row of floats per run -------------------------------------------------------------
-HARMONICS = 16  # of the plate's motion along each axis
+HARMONICS = 16  # number of harmonics in the motion of the plate along each axis
 # intensity and phase of each harmonic along z, x and y
 WAVES = tuple(
     tuple(
@@ -31,9 +31,9 @@ class End:
 
     s: float  # -1 for p1, +1 for p2
     r: float  # ball radius [m]
-    h: float  # place of the ball's centre on the axis from p1 to p2, counted from the centre of mass: negative for p1 [m]
+    h: float  # place of the ball's centre on the axis from p1 to p2, from the centre of mass: negative for p1 [m]
     e: float  # energetic restitution [1]
-    mu: float  # slip and stick friction coefficients [1]
+    mu: float  # friction coefficients [1]: slip friction
     mu_hit: float  # slip friction in the impact under way (``friction.hit``)
     mu_s: float  # stick friction inside impacts
     mu_h: float  # stick friction of a lasting contact
@@ -90,10 +90,10 @@ class Dimer:
     omega: float  # plate angular frequency [rad s-1]
     period: float  # forcing period [s]
     phi0: float  # plate phase at t = 0, reduced to [0, 2 pi) [rad]
-    n_z: int  # the highest harmonic of the plate along its normal, and of that along itself, at least 1
+    n_z: int  # highest harmonic of the plate along its normal, at least 1; n_along: along its axes X, Y
     n_along: int
     tempo: float  # greatest angular frequency in the motion along the normal [rad s-1]
-    most_speed: float  # bounds of the first four time derivatives of its height [m s-1] to [m s-4]
+    most_speed: float  # bounds of the first four time derivatives of the height of the plate [m s-1] to [m s-4]
     most_acceleration: float
     most_jerk: float
     most_snap: float
@@ -101,7 +101,8 @@ class Dimer:
     sideways: float
     fall_x: float  # gravity along the axes X, Y of the plate [m s-2]
     fall_y: float
-    v_scale: float  # the lesser of g/omega, gained in 1/omega of free fall, and that of a rod tipping over [m s-1]
+    # the lesser of two speeds: g/omega, gained in 1/omega of free fall, and that of a rod tipping over [m s-1]
+    v_scale: float
     w_scale: float  # sqrt(g/l), the rate of a rod tipping over [rad s-1]
     A: Annotated[list[float], HARMONICS]  # amplitudes of the harmonics along the normal [m]
     A_sin: Annotated[list[float], HARMONICS]  # the same as factors of sin(k phase), cos(k phase)
@@ -142,7 +143,7 @@ PHASE, D1, D2, N1, N2, DIP, WB, WP, SPIN, CA, CB, THETA, X1, Y1, GAMMA, PERIOD =
 
 # --- friction modes of an end ---------------------------------------------------------------------------------------
 FREE, STICK, SLIP = 0, 1, 2
-IMPACT = 2  # what an impact at an end adds to its digit in the contact state, see ``contact_code.py``
+IMPACT = 2  # number that an impact at an end adds to its digit in the contact state, see ``contact_code.py``
 
 # --- why an event row was written -----------------------------------------------------------------------------------
 CAUSES = ("start", "impact", "chatter_end", "lift_off", "stick", "slip", "end")
@@ -211,10 +212,12 @@ class Quantity(NamedTuple):
 
 
 def _column(units: str, long_name: str, least: float = -inf, most: float = inf) -> Any:
+    """Return the field of a column, without a number by default."""
     return field(default=nan, metadata={"quantity": Quantity(units, long_name, least, most)})
 
 
 def _columns(kind: Any) -> dict[str, Quantity]:
+    """Return the quantities of the columns of a dataclass, by name."""
     return {column.name: column.metadata["quantity"] for column in fields(kind)}
 
 
@@ -234,7 +237,8 @@ class Codes:
 
 
 CODE_COLUMNS = _columns(Codes)
-CODE_WORDS = {"mode": MODES, "status": STATUSES, "di_end": DI_ENDS, "track": TRACKS}  # of those that are flags
+# words of the codes that are flags
+CODE_WORDS = {"mode": MODES, "status": STATUSES, "di_end": DI_ENDS, "track": TRACKS}
 CODES = tuple(CODE_COLUMNS)
 N_CODES = len(CODES)
 CODE_STATUS, CODE_MODE, CODE_MODE_PERIOD, CODE_DI_END, CODE_TRACK, CODE_N_EVENTS, CODE_N_PERIODS = range(N_CODES)
@@ -243,6 +247,7 @@ _LAST = "the last (at most 16) periods"
 
 
 def _pace(column: Any) -> Any:
+    """Return the field of a column with the change of another column per forcing period."""
     quantity = column.metadata["quantity"]
     return _column(quantity.units, f"change per forcing period: {quantity.long_name}")
 

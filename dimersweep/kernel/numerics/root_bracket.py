@@ -50,11 +50,11 @@ class RootBracket:
     high: float
     g_low: float  # values at both ends
     g_high: float
-    side: int  # the end replaced last: -1, 0 for neither, 1
-    probes: int  # probes made, place and value of the last one
+    side: int  # end that was replaced last: -1 the lower, 1 the upper, 0 neither
+    probes: int  # number of probes; at, g: place and value of the last one
     at: float
     g: float
-    guess: float  # the next place by Newton's rule, and the slope there
+    guess: float  # place of the next probe by Newton's rule, and the slope there
     slope: float
 
 
@@ -89,6 +89,7 @@ def note_probe(s, mid, g, aim, steep):
     """
     if g > 0.0:
         if s.side < 0:
+            # Anderson and Bjorck's factor, or a half (Illinois) where that is none
             factor = 1.0 - g / s.g_low
             s.g_high *= factor if factor > 0.0 else 0.5
         s.low, s.g_low, s.side = mid, g, -1

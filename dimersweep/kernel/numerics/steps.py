@@ -56,6 +56,7 @@ def explicit_error(h, K, first, last, scale):
         sum3 += e3 * unit * (e3 * unit)
     if sum5 == 0.0:
         return 0.0
+    # Hairer, Norsett, Wanner (see `tableaux`): the error of order 5 is damped by that of order 3, whose weight is 0.01
     size = sqrt((sum5 + 0.01 * sum3) * (last - first))
     return abs(h) * sum5 / size if size < inf else inf
 

@@ -123,6 +123,7 @@ def mode_of(dm, past):
 
     The period is in forcing periods, 0 where there is none.
     """
+    # a period by repetition is sure; a fast part that rings down only foretells one
     p = settled_period(past, False)
     if p == 0:
         p = settled_period(past, True)
@@ -131,9 +132,12 @@ def mode_of(dm, past):
     span = whole(p, SPAN)
     down_1, down_2 = share(past, span, p, 0), share(past, span, p, 1)
     doubles = past.strobes[strobe(past, 0)].doubles - past.strobes[strobe(past, span)].doubles
+    # drift: one double event in each period, one ball down nearly all the time, the other one in the air for half of it
+    # or more
     if p == 1 and doubles == span and max(down_1, down_2) >= DOWN_LINE and min(down_1, down_2) <= 0.5:
         return M_DRIFT, 1
     together, turns, total = landing_pattern(dm, past, span)
+    # jump: all long landings are paired; or all hops are short, and each period of the motion has a double event
     if (total > 0 and together == total) or (total == 0 and doubles >= span / p):
         return M_JUMP, p
     # the ends land in turn: each landing but the first is a change of end

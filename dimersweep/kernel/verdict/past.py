@@ -43,7 +43,7 @@ RING = 64
 N_NORMAL = 4
 # shape of a past in a file: rows for itself, its runs and the track, and for the three rings
 PAST_SHAPE = (3 + 3 * RING, 24)
-Ends = Annotated[list[float], 2]  # of p1 and p2
+Ends = Annotated[list[float], 2]  # numbers of p1 and p2
 
 
 class Strobe:
@@ -65,9 +65,9 @@ class Double:
     """State after the last impact of a double event."""
 
     time: float
-    phase: float  # of the plate [cycles]
-    speed: float  # of the centre of mass [m s-1]
-    zeta: float  # of (9) [rad]
+    phase: float  # phase of the plate [cycles]
+    speed: float  # speed of the centre of mass [m s-1]
+    zeta: float  # angle of (9) [rad]
     theta: float
     spin: float
     beta_rate: float
@@ -81,7 +81,7 @@ class Landing:
 
     time: float
     end: float
-    long: float  # 1.0 for a long one
+    long: float  # 1.0 for a long hop
     spare: Annotated[list[float], 21]  # fills up a row of a file, as in the others
 
 
