@@ -111,7 +111,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
 
 @compiled
 def keep_one_nan(values):
-    """Replace every nan by one and the same: the sign of 0/0 depends on the processor."""
+    """Replace every nan by the nan of Python: the sign bit of 0/0 depends on the processor."""
     for k in range(N_OUT):
         if values[k] != values[k]:
             values[k] = nan

@@ -41,14 +41,14 @@ FLOOR = 1e-13
 def rest_of_chatter(dm, c, state, i, faint, tol):
     """Return the time that the rest of the chatter of end i under the contact force takes [s].
 
-    It is NOTHING if the hops are not to be summed. It is 0.0 if the gap rate is faint enough to be left out, or is
+    It is NOTHING if the hops are not to be summed. It is 0.0 if the gap rate n is faint enough to be left out, or is
     ruled by round-off, and for an end that is off the plate.
 
-    While the force changes slowly, hops without loss keep n^3 over it: they grow with it. No hop is summed where hops
-    do not end, where the plate could take the force away before, or where the error of the close exceeds the tolerance.
-    Where an impact holds an end by another friction than a lasting contact does, a close lets an end slip that hops
-    would have held, or holds one that would have slipped. That error is of the order of n, and no hop is summed that
-    counts.
+    While the force changes slowly, hops without loss keep n^3 / force constant: they grow with the force. No hop is
+    summed where hops do not end, where the plate could take the force away before, or where the error of the close
+    exceeds the tolerance. Where an impact holds an end by another friction than a lasting contact does, a close lets an
+    end slip that hops would have held, or holds one that would have slipped. That error is of the order of n: there
+    only faint hops are closed.
     """
     if c.modes[i] == FREE:
         return 0.0
@@ -104,7 +104,8 @@ def slow_ends(state, fast):
 def faint_rate(dm, state, tol, events):
     """Return the gap rate that may be left out [m/s].
 
-    It is the error of a close, or the sum of the errors of so many events, where no end lands faster than that.
+    It is the error that one close may make. If the errors of `events` events add up to more, it is their sum, provided
+    that no end lands faster than that.
     """
     faint, spread = CLOSE_COST * tol * dm.v_scale, SPREAD * events * tol * dm.v_scale
     return spread if spread > faint and lands_slowly(dm, state, spread) else faint
@@ -187,7 +188,7 @@ def close(dm, c, state, tol, energy):
 
 @compiled
 def drop_round_off(dm, state):
-    """Set rates of round-off at which ends leave the plate to zero (a hop at no weight would never end)."""
+    """Set the gap rate of ends that leave the plate at a rate of round-off to 0: a hop at no weight would never end."""
     for i in range(2):
         if state[D1 + i] == 0.0 and 0.0 < state[N1 + i] <= FLOOR * dm.v_scale:
             state[N1 + i] = 0.0

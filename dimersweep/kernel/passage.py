@@ -168,7 +168,7 @@ def bouncer(segments):
 
 @compiled
 def last_strike(events, segments, i):
-    """Return the number of the segment right after the last impact of end i; below zero without such an impact."""
+    """Return the number of the segment right after the last impact of end i; -1 without such an impact."""
     for k in range(events.shape[0] - 1, -1, -1):
         if digit(events[k, E_KIND], i) > IMPACT:
             now = event_time(events[k])

@@ -134,8 +134,8 @@ def note_segment(record, motion, hop_time):
 def note_contact(dm, record, motion, after):
     """Write the smooth phase that starts now, in the contact state `after`, and the event that has led to it.
 
-    The event is not written if the rows of the impact before say all. A slip that nothing holds where it ends goes on
-    in another direction.
+    No event is written where the rows of an impact have it already. A slip that ends, but that nothing holds there,
+    goes on in another direction.
     """
     state, cause, before = motion.state, motion.course[0].cause, motion.course[0].contact_before
     if cause == C_STICK and before == after:

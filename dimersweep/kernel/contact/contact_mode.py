@@ -309,11 +309,10 @@ def mode_of_pair(dm, c, event):
 
 @compiled
 def mode_of_one(dm, c, stays, slip):
-    """Choose the mode of one of two ends on the plate.
+    """Choose the mode of one of two ends on the plate alone; return the result of `single_mode`.
 
-    It is that of end `stays`, or of the other end if nothing drives `stays` into the plate. `slip` is that of
-    `lead_with`. Return the result of `single_mode`. A hold that was exceeded was a hold of both ends: it says nothing
-    of one end alone.
+    The other end leaves. End `stays` is tried first, and the other end if nothing drives `stays` into the plate. `slip`
+    is that of `lead_with`. If a hold was exceeded, it was the hold of both ends: it says nothing of one end alone.
     """
     lead_with(dm, c, stays, slip)
     answer = single_mode(dm, c, stays, False)

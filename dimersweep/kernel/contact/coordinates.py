@@ -101,7 +101,7 @@ def kernel_state(dm, modes, y, state):
 
 @compiled
 def slip_of(dm, modes, y, i):
-    """Return the axial and the lateral slip of end i (0 or 1), which is closed; of rates y, the rates of the slip."""
+    """Return the axial and lateral slip of end i, which is closed; where y holds rates, the rates of the slip."""
     if i == 0 or modes[0] == FREE:
         return y[Y.u_a], y[Y.u_b]
     return y[Y.u_a], y[Y.u_b] - apart_sideways(dm, y[Y.w_p], y[Y.spin])
@@ -134,7 +134,7 @@ def slip_speed(dm, modes, y, dy):
 
 @compiled
 def slip_limit(dm, modes, y, dy):
-    """Return the time [s] over which no slip comes to rest at its present rate; inf if every slip grows."""
+    """Return the time [s] before which no slip comes to rest at its present rate; inf if no slip decreases."""
     h = inf
     for i in range(2):
         if modes[i] == SLIP:

@@ -259,8 +259,8 @@ def explicit_contact_step(step):
 def set_turns(p, j):
     """Write the directions of change that turn the slips at node j into rows of b.B; return their number.
 
-    A direction changes (u_a, u_b, w_p). A single slip turns only across itself. Two slips share their axial part: every
-    change turns one of them.
+    A direction is a change of (u_a, u_b, w_p). A single slip turns only across itself. Two slips share their axial
+    part: every change turns one of them.
     """
     b, y = p.b, p.b.nodes[j]
     if p.modes[0] != FREE and p.modes[1] != FREE:

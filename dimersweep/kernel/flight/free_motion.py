@@ -80,7 +80,7 @@ def take_off(dm, state):
 
 @compiled(inline=True)
 def gap_series(dm, fl, i, t):
-    """Return the gap of end i at time t and its first three time derivatives; the first of them is that of (1)."""
+    """Return the gap of end i at time t and its first three time derivatives; the first is the gap rate of (1)."""
     x = fl.Omega * t
     sx, cx = sincos(x)
     kx = one_minus_cos(sx, cx)

@@ -79,9 +79,9 @@ def out_of_reach(dm, fl, i, t, gap, rate):
 
 @compiled(fuse=True, inline=True)
 def fall(c0, c1, c2, c3, bound4):
-    """Return the step from a probe at which the gap falls to the zero of c0 + c1 s + c2 s^2/2 + c3 s^3/6 next to it.
+    """Return the step to the next zero of a cubic from a probe at which the gap falls, and the error of that zero.
 
-    The step is negative if c0 < 0.
+    The cubic is c0 + c1 s + c2 s^2/2 + c3 s^3/6. The step is negative if c0 < 0.
 
     Returns
     -------

@@ -283,7 +283,7 @@ def foreseen(h, error, h_before, error_before):
 
 @compiled(inline=True)
 def begin_leg(leg, z, e):
-    """Set the gains of the compressions, the event functions that are positive already, and the first step."""
+    """Set the gains of the compressions, arm the event functions that are positive, and choose the first step."""
     s = leg.stride
     for i in range(2):
         leg.b.gains[i] = 1.0 if leg.compressing[i] > 0.0 else 1.0 / (e[i] * e[i])

@@ -97,7 +97,7 @@ def unseen(c, v, tol):
 
 @compiled
 def term(c, j):
-    """Return the largest coefficient of xi**j; an energy counts by the rate that it gives."""
+    """Return the largest coefficient of xi**j among the expansions; an energy counts by the rate that it gives."""
     energy = abs(c[A_E, j]) / max(1.0, sqrt(c[A_E, 0]))
     return max(abs(c[A_A, j]), max(abs(c[A_P, j]), max(abs(c[A_N, j]), energy)))
 

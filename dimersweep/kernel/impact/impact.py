@@ -102,7 +102,7 @@ def restitution(p, V, tol):
 
 @compiled
 def end_law(dm, i, both, sin_b, cos_b, e):
-    """Return the law of an impact at end i, with its coefficient of restitution; `both` is that of `EndLaw`."""
+    """Return the law of an impact at end i with its restitution e; `both` is 1.0 if the other end is closed, else 0."""
     p = end(dm, i)
     own, other = levers(p, sin_b, cos_b), levers(end(dm, 1 - i), sin_b, cos_b)
     w, wj = delassus(dm, own, own), delassus(dm, other, own)
@@ -333,7 +333,7 @@ def rest_work(d, i):
 def note_phase(d, z, code, works, rows, work, log):
     """Note a phase of a double impact that ends at z; return the number of rows in the log.
 
-    It has the contact state `code`. `works` are the works of restitution and of slip.
+    `code` is its contact state, and `works` are its works of restitution and of slip.
     """
     impulses, V = impulses_between(d, d.before, z), d.V
     if work.course[0].tally.wanted:

@@ -97,7 +97,7 @@ def begin_blow(blow, n, a, b, E, n_j):
 
 @compiled(inline=True)
 def gain(law, blow):
-    """Return the energy that a normal work takes from the stored energy, in units of that work."""
+    """Return the stored energy lost per normal work: 1 in compression, 1/e^2 in restitution."""
     return 1.0 if blow.compressing else 1.0 / max(law.e * law.e, 1e-300)
 
 
@@ -154,7 +154,7 @@ def swerve(law, c, v, b, P):
 
 @compiled
 def later_zero(P, change, rate):
-    """Return the impulse at which a function reaches zero that is changed a little by `change`.
+    """Return the impulse at which a function reaches zero after a small `change` of the function.
 
     Without the change it falls to zero at the impulse P, with the slope `rate`.
     """

@@ -1,9 +1,9 @@
 """Find whether a motion has settled, and its period: it has settled when its fast part has.
 
-A dimer turns and rolls on while its spin creeps, by some 1e-6 to 1e-3 of itself in a period. All else follows at once:
-a motion goes through a family of orbits, one for each spin, and its strobe moves along the family. Let x be a strobe
-(gaps and gap rates, in g/omega^2 and g/omega). There are two measures of how far x is from a strobe that repeats over p
-periods:
+A dimer turns and rolls on while its spin creeps, by some 1e-6 to 1e-3 of itself in a period. All else is fast and
+follows at once: a motion goes through a family of orbits, one for each spin, and its strobe moves along the family. The
+fast part of a motion is its distance from that family. Let x be a strobe (gaps and gap rates, in g/omega^2 and
+g/omega). There are two measures of how far x is from a strobe that repeats over p periods:
 
 * its change; or, where the spin (r s in g/omega) has changed by more, so that the motion goes along the family,
 * SETTLED_PERIODS times its second difference: the distance of x from where the pace of the p periods before would lead.
@@ -153,10 +153,10 @@ def rings_down(past, p):
 
 @compiled
 def settled_period(past, rings):
-    """Return the least period with which the motion has repeated long enough, 0 if there is none.
+    """Return the least period, in forcing periods, with which the motion has settled; 0 if there is none.
 
-    If `rings` is True, it is the least period with which the fast part falls geometrically to none. It is in forcing
-    periods.
+    It has settled by repetition for long enough. If `rings` is True, it has settled where the fast part falls
+    geometrically to none.
     """
     for p in range(1, MAX_PERIOD + 1):
         if (rings_down(past, p) if rings else has_repeated(past, p)) and not shortens(past, p):

@@ -90,7 +90,10 @@ def follow_track(track, now, no_speed):
 
 @compiled
 def turned_back(far, turned):
-    """Return True if a heading comes back: it has turned by `far` at most since its turn began, and now by `turned`."""
+    """Return True if a heading has come back, so that it reverses.
+
+    It has turned by `far` at most since its turn began, and by `turned` until now.
+    """
     return abs(far) > TURNED_BACK and abs(far - turned) > TURNED_BACK
 
 
