@@ -161,7 +161,7 @@ def follow_with_twin(dm, ask, run, later, twin, record):
     Returns
     -------
     status, apart : int, bool
-        OK or why the two could not go on; whether they came apart.
+        OK or the status of a motion that could not go on; True if the two came apart.
     """
     begin_past(later.past[0])
     later.past[0].fastest = run.past[0].fastest

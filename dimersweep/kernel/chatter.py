@@ -46,9 +46,9 @@ def rest_of_chatter(dm, c, state, i, faint, tol):
 
     While the force changes slowly, hops without loss keep n^3 / force constant: they grow with the force. No hop is
     summed where hops do not end, where the plate could take the force away before, or where the error of the close
-    exceeds the tolerance. Where an impact holds an end by another friction than a lasting contact does, a close lets an
-    end slip that hops would have held, or holds one that would have slipped. That error is of the order of n: there
-    only faint hops are closed.
+    exceeds the tolerance. An impact may hold an end by another friction than a lasting contact does. Then a close lets
+    an end slip that hops would have held, or holds an end that would have slipped. That error is of the order of n:
+    there only faint hops are closed.
     """
     if c.modes[i] == FREE:
         return 0.0

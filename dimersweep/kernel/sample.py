@@ -1,8 +1,8 @@
 """Find states of a recorded run at any time: each is moved again from the start of the smooth phase that it lies in.
 
 A contact phase starts from the slip that the run had, and takes the steps of the run up to the first that passes the
-time asked for. So just before an event the state comes to what the run found there: no end is below the plate, no slip
-has reversed. The hops that the close of a chatter has summed are followed one by one.
+time asked for. So just before an event the state agrees with the event that the run found: no end is below the plate,
+no slip has reversed. The hops that the close of a chatter has summed are followed one by one.
 """
 
 from math import inf, nan

@@ -137,6 +137,8 @@ def step_on(p):
     if c.cut:
         return end_cut_step(p, error)
     if not error <= 1.0 or (c.method == RESCALED and out.y[Y.time] > p.span - c.time):
+        # at most 0.8: else the next try might fail as well by a hair; an infinite error says nothing of the step that
+        # will do
         return shorten(p, 0.3 if error == inf else min(factor, 0.8))
     b.armed[JAM] = 1.0 if min(start.F[COMPLIANCE], out.F[COMPLIANCE]) < TIGHT else 0.0
     b.values[0, JAM] = start.F[COMPLIANCE]
@@ -219,12 +221,15 @@ def choose_step(p):
     # a slip that sets out has to find its direction: half of the usual first step
     if c.time == 0.0 and method == IMPLICIT:
         h = min(h, 0.5 * FIRST_PHASE_STEP * c.natural * dm.period)
+    # a step ends before a slip comes to rest at its present rate, whose direction is lost there: 0.9 of the time at
+    # most
     if method != RESCALED:
         slowing = SLIDING if method == IMPLICIT else (0.9 if v == inf else min(0.9, HALTING * sqrt(c.natural)))
         h = min(h, min(slowing * coordinates.slip_limit(dm, p.modes, start.y, start.dy), landing_in_sight(p)))
     # within the step the force may rise: at least half the weight counts
     if method == PLAIN_METHOD and gamma > 0.0:
         h = min(h, PHASE_TURNS * v / max(gamma, stiffness(p, 0.5 * dm.m * dm.g)))
+    # no last step of a length of mere rounding is left over
     last = method != RESCALED and h >= left * (1.0 - 1e-12)
     if last:
         h = left

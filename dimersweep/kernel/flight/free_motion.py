@@ -133,7 +133,7 @@ def fly(dm, fl, state, t, path):
     t : float
         Time of flight [s].
     path : bool
-        Whether the cyclic coordinates x1, y1, gamma are wanted (theta always is).
+        True if the cyclic coordinates x1, y1, gamma are wanted (theta always is).
     """
     sin_b, cos_b, (L_a, L_b, L_n) = fl.sin_b, fl.cos_b, fl.L
     gap_1, rate_1, _, _ = gap_series(dm, fl, 0, t)

@@ -251,6 +251,7 @@ def heed_slips(leg, z):
         if leg.modes[i] == SLIP and v > 0.0 and end(leg.dm, i).mu_hit > 0.0:
             rate = (z[ZA] * rates[ZA] + z[ZB1 + i] * rates[ZB1 + i]) / v
             if rate < 0.0:
+                # 0.9 of the way to rest at the present rate: at rest the direction of the slip is lost
                 leg.stride.h = min(leg.stride.h, -0.9 * v / rate)
 
 
@@ -277,7 +278,7 @@ def foreseen(h, error, h_before, error_before):
     This is Gustafsson's controller.
     """
     root = sqrt(sqrt(sqrt(max(error_before, UNFORESEEN) / max(error * error, 1e-30))))
-    # an eighth root: the errors go with the eighth power of the step
+    # an eighth root: the errors go with the eighth power of the step. 0.9 leaves room; 1e-30 keeps the quotient finite
     return max(0.3, 0.9 * h / h_before * root)
 
 

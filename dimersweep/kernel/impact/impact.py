@@ -152,7 +152,7 @@ def single_impact(dm, state, i, V, tol, work, log):
     Returns
     -------
     status, mode, rows : int
-        OK or the reason; STICK or SLIP at the end; rows logged.
+        OK or the status of an impact that could not go on; STICK or SLIP at its end; number of rows in the log.
     """
     p, (sin_b, cos_b) = end(dm, i), attitude(dm, state[DIP])
     n, a, b = contact_velocity(dm, state, i)
@@ -258,7 +258,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
     Returns
     -------
     status, rows : int
-        OK or the reason; rows logged.
+        OK or the status of an impact that could not go on; number of rows in the log.
     """
     slip_tol = max(max(IMPACT_SLIP_SCALE * tol, LEAST_SLIP), slip_rounding(dm, state) / V)
     left, leg_tol = max(LEFT_OVER * tol, FINEST), max(DOUBLE_TOL * tol, FINEST)
@@ -347,8 +347,8 @@ def note_phase(d, z, code, works, rows, work, log):
 def settle_event(d, event):
     """Make the state after an event exact: the function that vanished is zero, at both ends if they move alike.
 
-    The other end may have passed an event of its own within the same rounding. Then its direction, compression or
-    restitution, is set to what its state says.
+    The other end may have passed an event of its own within the same rounding. Then it is turned to compression or
+    restitution as its gap rate and its compression demand.
     """
     z, compressing, i = d.z, d.compressing, event % 2
     j = 1 - i

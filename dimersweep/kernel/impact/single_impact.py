@@ -400,7 +400,7 @@ def single_phase(law, blow, tol, work):
     tol : float
         Error per unit of velocity, and the slip that counts as none.
     work : Scratch
-        Its rows, at least (6, ORDER + 1), its meter, and whether its tally wants works.
+        Scratch rows, at least (6, ORDER + 1), the meter, and the tally, which says if works are wanted.
 
     Returns
     -------

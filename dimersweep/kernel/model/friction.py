@@ -95,7 +95,7 @@ def hold_left(hold, F, A, L):
 def axial_left_of_pair(hold_1, F_1, L_1, hold_2, F_2, L_2, A):
     """Return how far the sum A of the axial frictions of two held ends is from its limit; negative beyond it.
 
-    The limit is what the lateral frictions L_1, L_2 leave.
+    The limit is the sum of the axial parts that the lateral frictions L_1, L_2 leave of each end's bound.
     """
     limit_1, limit_2 = hold_1 * F_1, hold_2 * F_2
     room_1, room_2 = limit_1 * limit_1 - L_1 * L_1, limit_2 * limit_2 - L_2 * L_2

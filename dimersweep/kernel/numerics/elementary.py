@@ -1,6 +1,6 @@
 """The elementary functions of the kernel, to 1.3 units in the last place: no number depends on a library.
 
-Arguments are reduced as in fdlibm (Cody and Waite, ln 2 in two parts, the first of which has 33 bits), and the
+Arguments are reduced as in fdlibm: by Cody and Waite, ln 2 in two parts, the first of which has 33 bits. The
 polynomials of logarithm and arctangent are those of its e_log and s_atan. Powers carry the logarithm in two numbers,
 whose products are split as by Dekker and Veltkamp.
 """

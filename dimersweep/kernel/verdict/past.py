@@ -224,7 +224,7 @@ def note_impact(dm, state, past, both, i, begins):
     both : bool
         True if the impact began with both ends closed.
     i, begins : int, bool
-        See `note_landings`.
+        Results of `note_landings`: the end that landed, and True if a double event begins with it.
     """
     now = time_of(dm, state)
     event = past.doubles[double(past, 0)]

@@ -1,8 +1,8 @@
 """Follow the track of the centre of mass on the plate, from period boundary to period boundary.
 
-A track begins when the motion has settled. Where the centre of a circle moves steadily, the track is a cycloid, r = c +
-U t + R (cos theta, sin theta) with the heading theta turned by a fixed angle. The last whole turn of the heading is
-kept, and the changes of the velocity in it.
+A track begins when the motion has settled. Where the centre of a circle moves steadily, the track is a cycloid. Its
+formula is r = c + U t + R (cos theta, sin theta) with the heading theta turned by a fixed angle. The last whole turn of
+the heading is kept, and the changes of the velocity in it.
 """
 
 from math import nan, pi
