@@ -45,7 +45,8 @@ LONGEST_STEP = 0.25  # longest step, in forcing periods
 # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8 (errors go with the eighth power of
 # a step)
 FIRST_PHASE_STEP, FIRST_RESCALED = 1.6, 15.0
-# slip, in units of the slip that counts as none, below which the direction is no better known than the tolerance
+# slip, in units of the slip that counts as none, below which its direction is not known: with `SLIP_SCALE` it is the
+# tolerance of a slip
 UNSURE_SLIP = 10.0
 # explicit step over the time in which a turning slip comes to rest, over the tolerance to the power of 1/16: as
 # measured

@@ -17,8 +17,8 @@ SLANT = 1e-7
 PAIR_SLANT = 1e-4
 # change of the directions of two ends, over the tangent, that ends Newton's rule
 PAIR_KNOWN = 1e-6
-# slips with which one end and two ends set out, in units of the slip that counts as none. The slip of two ends has to
-# be larger: steps resolve it, and its direction bears rounding
+# slips with which one end and two ends set out, in units of the slip that counts as none. That of two ends is larger,
+# with `SLIP_SCALE` the tolerance of a slip: so steps resolve it, and its direction bears rounding
 SINGLE_SPEED, PAIR_SPEED = 0.5, 10.0
 # number of steps in which two slips turn with their accelerations, and the size of a step in units of the slips
 PAIR_TURNS, PAIR_TURN = 100, 0.1
