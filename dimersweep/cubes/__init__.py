@@ -1,4 +1,4 @@
-"""The data: grids of points, their results, labelled cubes and what is read off them."""
+"""Hold the data: grids of points, their results, labelled cubes, and what is computed from cubes."""
 
 from dimersweep.faces import reachable
 

@@ -1,4 +1,4 @@
-"""A checksum over the coordinates and the values of a cube together: one that was cut, turned or moved has another one."""
+"""Compute one checksum over the coordinates and values of a cube; a cube that was cut, turned or moved has another."""
 
 import json
 from hashlib import sha256
@@ -11,14 +11,17 @@ from dimersweep.cubes.results import MESSAGE_BYTES
 
 
 def _type_of(variable: xr.Variable) -> np.dtype:
-    """The type that values are summed in, whatever one a copy keeps them in: classic files have no whole numbers of 64 bits."""
+    """Return the type in which values are summed, whatever type a copy keeps them in.
+
+    A classic file has no integers of 64 bits and no strings, so its copy of a cube has other types.
+    """
     whole = "<i1" if "flag_values" in variable.attrs else "<i8"
     known = {"f": "<f8", "i": whole, "u": whole} | dict.fromkeys("OSU", f"S{MESSAGE_BYTES}")
     return np.dtype(known.get(variable.dtype.kind, variable.dtype))
 
 
 class Checksum:
-    """The checksum of a cube whose values come in pieces.
+    """Checksum of a cube whose values come in pieces.
 
     Parameters
     ----------
@@ -34,14 +37,15 @@ class Checksum:
             self._sums[name] = sha256(repr(head).encode())
 
     def add(self, name: Any, values: np.ndarray) -> None:
-        """Take the next values of a variable, in C order."""
+        """Add the next values of the variable `name` to the checksum, in C order."""
         if values.dtype.kind == "f":
-            values = np.where(np.isnan(values), np.nan, values)  # its bits mean nothing, and may change in a file
+            # the bits of a NaN mean nothing and may change in a file: give all NaN the same bits
+            values = np.where(np.isnan(values), np.nan, values)
         elif values.dtype.kind in "OU":
             values = np.char.encode(values.astype(str), "utf-8")
         self._sums[str(name)].update(values.astype(self._types[str(name)], copy=False).tobytes())
 
     def digest(self) -> str:
-        """The sha256 of what was taken, whatever the order of the variables."""
+        """Return the sha256 of all values that were added; the order of the variables does not matter."""
         sums = {name: each.hexdigest() for name, each in self._sums.items()}
         return sha256(json.dumps(sums, sort_keys=True).encode()).hexdigest()

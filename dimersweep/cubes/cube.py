@@ -1,4 +1,4 @@
-"""Points to a labelled cube: an xarray.Dataset over the axes of the grid, ready to be written as CF NetCDF."""
+"""Build labelled cubes from the results of points: an xarray.Dataset over the axes of the grid, ready for CF NetCDF."""
 
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -16,7 +16,7 @@ from dimersweep.kernel.model.layout import CODE_WORDS, CODES, MODES, N_CODES, N_
 from dimersweep.parameters import completed
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 
-NO_YES = ("no", "yes")  # words of truth values
+NO_YES = ("no", "yes")  # words for False and True
 FLAGS = {
     **CODE_WORDS,
     "status": POINT_STATUSES,
@@ -27,16 +27,20 @@ FLAGS = {
     "confidence": ("not_run", "certain", "unsure", "changed"),
     "direction": DIRECTIONS,
 }
-CONVENTIONS, SOURCE = "CF-1.11", f"dimersweep {__version__}, event-driven simulation"  # of all data
-HISTORY = f"made by dimersweep {__version__}"  # of tables: without a time, so that the same call gives the same table
-OF_A_RUN = "of a run of a 3D dimer on a vibrating plate"  # in titles
-WRAP = 1 << 31  # of the numbers by which texts are known
+# CF attributes of every file
+CONVENTIONS, SOURCE = "CF-1.11", f"dimersweep {__version__}, event-driven simulation"
+# attribute `history` of tables: without a time, so that the same call gives the same table
+HISTORY = f"made by dimersweep {__version__}"
+OF_A_RUN = "of a run of a 3D dimer on a vibrating plate"  # end of the titles of tables
+# numbers of texts are below this (`number_of`): 31 bits fit the signed 32-bit integers of classic files
+WRAP = 1 << 31
 _SUMMED = {"fletcher32": True}  # a checksum that the NetCDF library itself tests, in any program that reads the file
+# level 4 is the default of the NetCDF library for Python
 PACKED = {"zlib": True, "complevel": 4, "shuffle": True, **_SUMMED}
 
 
 def blank(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Results of `n` points that have not run.
+    """Return results of `n` points that have not run.
 
     Returns
     -------
@@ -49,19 +53,19 @@ def blank(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def coordinate(name: str, values: Any, quantity: Quantity) -> xr.Variable:
-    """Values along an axis of that name, with their unit."""
+    """Return the values along the axis `name` as a coordinate with its unit."""
     return labelled(xr.Variable((name,), values), quantity)
 
 
 def labelled(values: xr.Variable, quantity: Quantity) -> xr.Variable:
-    """Values of a coordinate with their unit."""
+    """Return values of a coordinate with their unit."""
     variable = column(values.dims, values.values, quantity)
     variable.encoding.update(_SUMMED if values.dims else {}, _FillValue=None)  # CF: a coordinate has no missing values
     return variable
 
 
 def variable(name: str, dims: tuple[str, ...], values: np.ndarray, quantity: Quantity | None = None) -> xr.Variable:
-    """Results with their unit, see `column`; floats are NaN where they have no meaning."""
+    """Return a compressed variable of results with its unit, see `column`; floats without a meaning are NaN."""
     made = column(dims, values, quantity or QUANTITIES[name], FLAGS.get(name, ()))
     # with a fill value, xarray would read integers back as floats
     made.encoding.update(PACKED, _FillValue=np.nan if made.dtype.kind == "f" else None)
@@ -69,11 +73,11 @@ def variable(name: str, dims: tuple[str, ...], values: np.ndarray, quantity: Qua
 
 
 def column(dims: Any, entries: Any, said: Quantity | str, words: Sequence[str] = ()) -> xr.Variable:
-    """A column of a table: numbers with their unit, texts, or flags as int8, which are one of a few `words`.
+    """Return a column of a table: numbers with their unit, texts, or flags as int8 with their `words`.
 
-    Entries of flags are their words or codes; of codes that have one word all get the first, so that each word has one code.
-    Truth values without words are flags, too, and stay such: xarray writes and reads them. Whole numbers have 32 bits where
-    these hold them, as programs that know classic files alone read no others.
+    Entries of flags are words or codes. Where several codes share a word, all of them become the first, so that each
+    word has one code. Truth values without `words` are flags, too, and stay of type bool: xarray writes and reads them.
+    Whole numbers have 32 bits where these hold them, as programs that know classic files alone read no others.
     """
     values, quantity = np.asarray(entries), said if isinstance(said, Quantity) else Quantity("1", said)
     kind = values.dtype.kind
@@ -88,24 +92,27 @@ def column(dims: Any, entries: Any, said: Quantity | str, words: Sequence[str] =
         return xr.Variable(dims, coded, {"long_name": quantity.long_name} | flags)
     if kind in "OSU":
         texts = np.char.decode(values, "utf-8") if kind == "S" else values
-        # signs, and not strings of any length, which classic files and many programs do not have
+        # arrays of characters: classic files and many programs have no strings of any length
         return xr.Variable(dims, texts, {"long_name": quantity.long_name}, {"dtype": "S1"})
     number = float if kind == "f" else kind_of_whole(values)
     return xr.Variable(dims, values.astype(number, copy=False), quantity.attributes(number))
 
 
 def kind_of_whole(numbers: np.ndarray) -> type[np.signedinteger[Any]]:
-    """The type that whole numbers are kept in: 32 bits, or 64 where one of them needs these."""
+    """Return the type for whole numbers in files: 32 bits, or 64 if one of the numbers does not fit in 32."""
     return np.int32 if np.array_equal(numbers, numbers.astype(np.int32)) else np.int64
 
 
 def fixed_coordinates(parameters: Mapping[str, float]) -> dict[str, xr.Variable]:
-    """Parameters that hold for all of a table, with their units."""
+    """Return parameters that hold for a whole table as scalar coordinates with their units."""
     return {name: labelled(xr.Variable((), value), PARAMETERS[name]) for name, value in parameters.items()}
 
 
 def finished(table: xr.Dataset, title: str) -> xr.Dataset:
-    """A table that tells what it is, and is written without a fill value for its coordinates, which CF forbids."""
+    """Return a table with its title, source and history as attributes; attributes that it has already stay.
+
+    Its coordinates are written without a fill value, which CF forbids.
+    """
     for name in table.coords:
         table[name].encoding["_FillValue"] = None
     told = {"Conventions": CONVENTIONS, "title": title, "source": SOURCE, "history": HISTORY}
@@ -113,7 +120,7 @@ def finished(table: xr.Dataset, title: str) -> xr.Dataset:
 
 
 def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
-    """The cube of a swept grid.
+    """Build the cube of a swept grid from the results of its points.
 
     Parameters
     ----------
@@ -140,7 +147,11 @@ def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[st
 
 
 def with_fields(cube: xr.Dataset, results: np.ndarray, fields: Iterable[Field]) -> xr.Dataset:
-    """`cube` with what its results, shape (n,), have besides those of runs: a variable for each field."""
+    """Return `cube` with one more variable for each of `fields`, from `results` of shape (n,).
+
+    `cube` itself may be modified. A variable that says more about another one is listed among its
+    `ancillary_variables`.
+    """
     shape, dims = cube["mode"].shape, tuple(map(str, cube["mode"].dims))
     for name, quantity, _, along, about in fields:
         over = dims if along is None else (*dims, along.name)
@@ -155,7 +166,10 @@ def with_fields(cube: xr.Dataset, results: np.ndarray, fields: Iterable[Field]) 
 
 
 def results_in(cube: xr.Dataset, kind: np.dtype, fields: Iterable[Field]) -> np.ndarray:
-    """The results of which `build` and `with_fields` made `cube`, shape (n,); other fields of `kind` are blank."""
+    """Return the results that `build` and `with_fields` made `cube` from, shape (n,).
+
+    Fields of `kind` that are not in `fields` are blank.
+    """
     results = blank_results(cube["mode"].size, kind)
     results["out"], results["codes"] = flatten(cube)
     for field in fields:
@@ -165,7 +179,7 @@ def results_in(cube: xr.Dataset, kind: np.dtype, fields: Iterable[Field]) -> np.
 
 
 def coordinates_of(grid: Grid) -> dict[str, xr.Variable]:
-    """The axes of a grid, or the columns of single points; and every other parameter, as it is beside these."""
+    """Return the coordinates of a cube: its axes or columns of points, and all other parameters beside them."""
     quantities = PARAMETERS | {"point": Quantity("1", "number of the point")}
     values = {name: xr.Variable((name,), axis) for name, axis in grid.axes.items() if name != "direction"}
     values |= {name: xr.Variable(("point",), column) for name, column in grid.columns.items()}
@@ -177,14 +191,14 @@ def coordinates_of(grid: Grid) -> dict[str, xr.Variable]:
 
 
 def settings_in(configuration: Mapping[str, Any]) -> dict[str, float]:
-    """How the runs of a cube were made, by the names of `SETTINGS`, from its configuration.
+    """Return the settings of the runs of a cube from its configuration, by the names of `SETTINGS`.
 
-    Those of a search whose deciding runs were made once more are of these.
+    Where a search makes its deciding runs once more, with `orbit_periods`, the settings are those of these second runs.
 
     Raises
     ------
     KeyError
-        If the configuration does not tell.
+        If the configuration lacks a setting.
     """
     late = configuration.get("search", {}).get("orbit_periods", 0)
     first = late or configuration["periods"]
@@ -199,26 +213,35 @@ def settings_in(configuration: Mapping[str, Any]) -> dict[str, float]:
 
 
 def number_of(told: str) -> int:
-    """A number of a text, of 31 bits: as a whole number of classic files holds it, and a float, too."""
+    """Return a checksum of a text as a whole number of 31 bits.
+
+    An integer of a classic file holds it, and so does a float of 64 bits.
+    """
     return crc32(told.encode()) % WRAP
 
 
 def same_number(one: float, other: float) -> bool:
-    """Whether these are numbers of one text: former cubes have 32 bits of it, which a classic copy of theirs wraps round."""
+    """Return True if two numbers can be those of one text (`number_of`).
+
+    Former cubes have 32 bits of the number. A classic copy of them wraps it round, so that 31 bits are compared.
+    """
     return one % WRAP == other % WRAP
 
 
 def line_number(configuration: Mapping[str, Any]) -> int:
-    """A number of the axis along which a state was carried, of its values, and of the names of what else was given."""
+    """Return the number of the line along which a state was carried (`number_of`).
+
+    It tells the last axis, its values, and the names of all other parameters that were given.
+    """
     *others, (axis, values) = configuration["grid"].items()
     return number_of(json.dumps([axis, values, *sorted({*dict(others), *configuration["fixed"]})]))
 
 
 def signed(cube: xr.Dataset, configuration: Mapping[str, Any]) -> xr.Dataset:
-    """A cube that tells at each point how its runs were made, wherever its points go.
+    """Return a cube with the settings of its runs at each point, so that a point can be run again wherever it goes.
 
-    Settings are coordinates, as parameters are. Where cubes are put together, xarray may take those of the first one for all:
-    `made_with` lies along the axes, and its points keep it.
+    Settings are coordinates, as parameters are. Where cubes are put together, xarray may keep the settings of the first
+    for all. The variable `made_with` lies along the axes, so that each point keeps its own number.
     """
     settings = {name: xr.Variable((), value) for name, value in settings_in(configuration).items()}
     cube = cube.assign_coords({name: labelled(each, SETTINGS[name]) for name, each in settings.items()})
@@ -230,14 +253,14 @@ def signed(cube: xr.Dataset, configuration: Mapping[str, Any]) -> xr.Dataset:
 
 
 def made_number(point: xr.Dataset, varied: Collection[str]) -> int:
-    """A number of the parameters and settings of a point but for the kernel, and for those that are `varied`."""
+    """Return the number of the parameters and settings of a point, but for the kernel and those in `varied`."""
     names = [name for name in (*ROW, *SETTINGS) if name in point.variables and name not in (*varied, "kernel")]
     told = [(name, float(point.variables[name].values.item())) for name in names]
     return number_of(json.dumps(told))
 
 
 def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """The results that `build` made `cube` of.
+    """Return the results that `build` made `cube` from.
 
     Returns
     -------
@@ -249,7 +272,7 @@ def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_codes(flags: xr.DataArray) -> None:
-    """Refuse a flag variable whose codes are no whole numbers any more; no value of it is read.
+    """Refuse a flag variable whose codes are no whole numbers any more; its values are not read.
 
     Raises
     ------
@@ -263,12 +286,14 @@ def check_codes(flags: xr.DataArray) -> None:
 
 
 def check_flags(name: Any, values: np.ndarray, codes: Any = None) -> None:
-    """Refuse values of a flag variable that are none of the `codes` of its words, by default those of `FLAGS`.
+    """Refuse values of a flag variable that are no codes of its words.
+
+    `codes` are the allowed ones, by default those of `FLAGS`.
 
     Raises
     ------
     StoreError
-        With the first of them.
+        Naming the first such value.
     """
     wrong = ~np.isin(values, range(len(FLAGS[name])) if codes is None else codes)
     if wrong.any():
@@ -279,17 +304,19 @@ Flagged = TypeVar("Flagged", xr.DataArray, xr.Dataset)
 
 
 def names(flags: Flagged) -> Flagged:
-    """The words behind a flag variable, such as "drift" for each point of ``cube["mode"]``; or behind all flags of a dataset.
+    """Return the words of a flag variable, such as "drift" for each point of ``cube["mode"]``.
+
+    Of a dataset, return it with words in place of the codes of all its flags.
 
     Parameters
     ----------
     flags : xarray.DataArray of int or bool, or xarray.Dataset
-        With the CF attributes `flag_values` and `flag_meanings`; a dataset has them at each of its flags.
+        With the CF attributes `flag_values` and `flag_meanings`, in a dataset at each of its flags.
 
     Returns
     -------
     xarray.DataArray of str, or xarray.Dataset
-        Same dimensions and coordinates; all else of a dataset as it is, truth values, too.
+        Same dimensions and coordinates. Other variables of a dataset are unchanged, truth values, too.
 
     Raises
     ------

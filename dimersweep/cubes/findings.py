@@ -1,4 +1,4 @@
-"""What a cube says beyond its numbers: intervals, boundaries, exponents, minima and circles, for pictures and notebooks."""
+"""Evaluate cubes for pictures and notebooks: intervals, boundaries, exponents, minima and circles."""
 
 import json
 from typing import Any, NamedTuple
@@ -16,14 +16,16 @@ from dimersweep.kernel.model.layout import M_DRIFT, MODES
 from dimersweep.parameters import Parameters, dimer_from
 from dimersweep.symbols import BASE, PARAMETERS
 
-AS_GIVEN = 1e-12  # how near a value counts as the one value of an axis, relative
+# relative distance within which a value is that of a point: units that are converted leave round-off of some 1e-16
+AS_GIVEN = 1e-12
 VALLEY = 5  # points on each side of a minimum that the spline goes through
 
 
 def edges_of(values: np.ndarray, lowest: float = -np.inf, highest: float = np.inf) -> np.ndarray:
-    """Edges of the cells that the points of an axis stand for, shape (n + 1,): half way to the neighbours.
+    """Return the edges of the cells around the points of an axis, shape (n + 1,), within `lowest` and `highest`.
 
-    Half way is a ratio where the values are in a fixed ratio.
+    An edge lies half way between neighbours: at their geometric mean where the values are in a fixed ratio, else at
+    their mean. A single value has a cell of width 1.
     """
     if values.size == 1:
         return values[0] + np.array([-0.5, 0.5])
@@ -33,7 +35,7 @@ def edges_of(values: np.ndarray, lowest: float = -np.inf, highest: float = np.in
 
 
 def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
-    """The part of a cube at the value of an axis that is nearest to `value`.
+    """Return the part of a cube at the value of the axis `name` that is nearest to `value`; of two, the larger one.
 
     Parameters
     ----------
@@ -41,13 +43,13 @@ def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
     name : str
         A parameter that is an axis of it, or `direction`.
     value : float or str
-        As in `number`; of a direction its word.
+        A number in the SI unit, or a text with its unit, see `number`; a direction is given by its word.
 
     Raises
     ------
     ParameterError
-        If it lies beyond the cells of that axis: an angle in degrees, for example, without its unit; or is not the one value
-        that there is.
+        If `value` lies beyond the cells of the axis, as an angle in degrees without its unit does. On an axis of one
+        value, if it is another value.
     """
     if name not in cube.coords:
         raise ParameterError(f"{name}: the cube has lost the values of this axis; take it as it was made, or use isel")
@@ -72,12 +74,13 @@ def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
 
 
 def _middles(values: np.ndarray) -> np.ndarray:
+    """Return the edges half way between neighbours, and as far beyond the first and last value, shape (n + 1,)."""
     inner = (values[1:] + values[:-1]) / 2
     return np.concatenate([[2 * values[0] - inner[0]], inner, [2 * values[-1] - inner[-1]]])
 
 
 def is_geometric(values: np.ndarray) -> bool:
-    """Whether the values of an axis, three or more, are in a fixed ratio rather than at a fixed distance."""
+    """Return True if three or more values of an axis are in a fixed ratio rather than at a fixed distance."""
     if values.size < 3 or values.min() <= 0:
         return False
     ratios, steps = np.diff(np.log(values)), np.diff(values)
@@ -85,7 +88,7 @@ def is_geometric(values: np.ndarray) -> bool:
 
 
 def _drift_rows(cube: xr.Dataset) -> xr.DataArray:
-    """Where `cube` drifts, shape (rows, beta0), the angles increasing."""
+    """Return a mask of the points of `cube` that drift, shape (rows, beta0), the dip angles increasing."""
     mode = cube["mode"].squeeze()
     if "beta0" not in mode.dims or mode.ndim > 2 or not mode.size:
         axes = ", ".join(map(str, mode.dims)) or "none"
@@ -95,19 +98,23 @@ def _drift_rows(cube: xr.Dataset) -> xr.DataArray:
 
 
 def dip_range(angles: np.ndarray) -> tuple[float, float]:
-    """The dip angles that points with these ones may stand for [rad]: up to a right angle, on the sides where points are."""
+    """Return the least and greatest dip angle that points at `angles` may stand for [rad].
+
+    On each side of 0 that has points the range goes to a right angle; on a side without points it ends at 0. If all
+    angles are 0, it goes to both right angles.
+    """
     low, high = min(angles.min(), 0.0), max(angles.max(), 0.0)
     return (-np.pi / 2 if low < 0 or high == 0 else 0.0), (np.pi / 2 if high > 0 or low == 0 else 0.0)
 
 
 def drift_intervals(cube: xr.Dataset) -> list[np.ndarray]:
-    """Intervals of the initial dip angle that lead to drift, for each row of `cube`.
+    """Return the intervals of the initial dip angle that lead to drift, for each row of `cube`.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        With the axis `beta0` and at most one more; each point stands for the angles half way to its neighbours. Those of
-        one sign alone stand for none of the other.
+        With the axis `beta0` and at most one more. Each point stands for the angles half way to its neighbours. If all
+        angles have one sign, the intervals end at 0.
 
     Returns
     -------
@@ -128,7 +135,7 @@ def drift_intervals(cube: xr.Dataset) -> list[np.ndarray]:
 
 
 def drift_lengths(cube: xr.Dataset) -> xr.DataArray:
-    """Total length of the drift intervals of each row of `cube` [rad], along its other axis.
+    """Return the total length of the drift intervals of each row of `cube` [rad], along its other axis.
 
     Examples
     --------
@@ -143,7 +150,7 @@ def drift_lengths(cube: xr.Dataset) -> xr.DataArray:
 
 
 def search_summary(cube: xr.Dataset) -> str:
-    """How often each answer of a search was given, and the runs that took, in one line."""
+    """Return one line on a search: its question, how often each answer was given, and how many runs it took."""
     search = json.loads(cube.attrs["configuration"])["search"]
     made = cube["n_runs"].values > 0
     words, counts = np.unique(names(cube["answer"]).values[made], return_counts=True)
@@ -158,7 +165,7 @@ def search_summary(cube: xr.Dataset) -> str:
 
 
 def runs_of(cube: xr.Dataset, mode: str) -> xr.DataArray:
-    """How many runs of a search led to `mode`, over the axes of its cube.
+    """Return the number of runs of a search that led to `mode`, over the axes of its cube.
 
     Examples
     --------
@@ -174,14 +181,14 @@ def runs_of(cube: xr.Dataset, mode: str) -> xr.DataArray:
 
 
 def boundary(cube: xr.Dataset, region: str) -> list[np.ndarray]:
-    """The border of a region in a map of two axes.
+    """Return the border of a region in a map of two axes, as polylines.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        Of `search` or `refine`, with two axes of more than one value.
+        Result of `search` or `refine`, with two axes of more than one value.
     region : str
-        Such as drift or rest.
+        Word of a region, such as drift or rest.
 
     Returns
     -------
@@ -215,7 +222,7 @@ def boundary(cube: xr.Dataset, region: str) -> list[np.ndarray]:
 
 
 class PowerLaw(NamedTuple):
-    """Exponent with its standard error, and the least and the greatest slope between neighbouring points.
+    """Exponent of a power law with its standard error, and the least and greatest slope between neighbouring points.
 
     Examples
     --------
@@ -232,12 +239,14 @@ class PowerLaw(NamedTuple):
 
 
 def over_axes(cube: xr.Dataset, quantity: str, *, flags: bool = True) -> xr.DataArray:
-    """A variable of a cube over all its axes; without `flags`, only one that is no code of words.
+    """Return the variable `quantity` of a cube, which must lie over all axes of the cube.
+
+    Without `flags`, codes of words are refused as well.
 
     Raises
     ------
     ParameterError
-        If there is no such variable.
+        If the cube has no such variable.
     """
     known = [str(name) for name, each in cube.data_vars.items() if each.dims == cube["mode"].dims]
     known = [name for name in known if flags or "flag_meanings" not in cube[name].attrs]
@@ -247,28 +256,28 @@ def over_axes(cube: xr.Dataset, quantity: str, *, flags: bool = True) -> xr.Data
 
 
 def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]:
-    """Exponents of a power law of `quantity` in all axes of `cube` at once, A_r by way of A_r - 1.
+    """Fit a power law of `quantity` in all axes of `cube` at once; for A_r the base is A_r - 1.
 
-    The standard error is that of a straight line through the logarithms; the slopes between neighbours show how far
-    the law holds.
+    The standard error is that of a straight line through the logarithms. The slopes between neighbours show how far the
+    law holds.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        Of `search` or `sweep`; points that do not drift are left out.
+        Result of `search` or `sweep`; points that do not drift are left out.
     quantity : str
-        Such as radius or period, positive where there is drift.
+        Variable of the cube, such as radius or period; positive where there is drift.
 
     Returns
     -------
     dict of str to PowerLaw
-        One for each axis of more than one value. Where no two neighbours drift, its slopes are NaN.
+        The law in each axis of more than one value. Where no two neighbours drift, its slopes are NaN.
 
     Raises
     ------
     ParameterError
-        If there are too few points that drift, or they do not vary along each axis by itself; or if the quantity or an axis
-        has values there that are not positive.
+        If there are too few points that drift, or they do not vary along each axis by itself; or if the quantity or an
+        axis has values there that are not positive.
 
     Examples
     --------
@@ -304,7 +313,8 @@ def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]
     covariance = np.linalg.inv(design.T @ design) * (rest @ rest) / (target.size - design.shape[1])
     found = {}
     for name, exponent, error in zip(axes, fit[1:], np.sqrt(np.diag(covariance))[1:], strict=True):
-        with np.errstate(invalid="ignore", divide="ignore"):  # of axes that are not positive where nothing drifts
+        # an axis may be 0 or negative where nothing drifts: its logarithm there is not used
+        with np.errstate(invalid="ignore", divide="ignore"):
             level, along = (xr.apply_ufunc(np.log, each).diff(name) for each in (values, _grown(name, values[name])[1]))
         slopes = level / along
         found[name] = PowerLaw(float(exponent), float(error), float(slopes.min()), float(slopes.max()))
@@ -312,12 +322,15 @@ def exponents(cube: xr.Dataset, quantity: str = "radius") -> dict[str, PowerLaw]
 
 
 def _grown(name: str, values: Any) -> tuple[str, Any]:
-    """What a quantity is compared with a power of: A_r - 1 (the distance of the balls) for A_r."""
+    """Return the base of the power law in the axis `name`, its name and its values.
+
+    It is the axis itself, but A_r - 1 for A_r: the distance of the balls.
+    """
     return (f"{name} - 1", values - 1) if name == "A_r" else (name, values)
 
 
 def _logarithms(what: str, values: np.ndarray, where: str = "") -> np.ndarray:
-    """Logarithms of values, which must be positive."""
+    """Return the logarithms of values; raise `ParameterError` if one is not positive."""
     if values.min() <= 0:
         raise ParameterError(
             f"exponents: {what} is {values.min():g} to {values.max():g}{where}; a power law needs values > 0"
@@ -326,7 +339,7 @@ def _logarithms(what: str, values: np.ndarray, where: str = "") -> np.ndarray:
 
 
 class Minimum(NamedTuple):
-    """Where a quantity is least and what it is there, each with what a grid twice as coarse would change of it.
+    """Place and value of a minimum, each with the change that a grid twice as coarse would make.
 
     Examples
     --------
@@ -346,30 +359,30 @@ class Minimum(NamedTuple):
 
     @property
     def located(self) -> bool:
-        """Whether there is one."""
+        """True if a minimum was located; else all its numbers are NaN."""
         return bool(np.isfinite(self.at))
 
     def words(self, unit: str, at_unit: str) -> str:
-        """The minimum in words, with its errors."""
+        """Return the minimum in words, with its errors, in the units given."""
         if not self.located:
             return "no minimum located"
         return f"{self.value:.3f} ± {self.value_error:.3f} {unit} at {self.at:.3f} ± {self.at_error:.3f} {at_unit}"
 
 
 def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
-    """The bottom of the first valley of `values`, from a cubic spline through them.
+    """Find the bottom of the first valley of `values`, on a cubic spline through them.
 
     Parameters
     ----------
     points, values : ndarray, shape (n,)
-        Values are NaN where they are unknown.
+        Places in any order, and the values there; unknown values are NaN.
 
     Returns
     -------
     Minimum
-        NaN if none is located: there is no valley, there are fewer than three points on one of its sides, a value
-        beside its lowest point is unknown, a grid twice as coarse would have the bottom outside that valley, or the
-        spline digs far below the points.
+        NaN if no minimum is located: there is no valley, one of its sides has fewer than three points, or a value
+        beside its lowest point is unknown. Neither is it located if a grid twice as coarse would put it outside the
+        valley, or if the spline digs far below the points.
 
     Examples
     --------
@@ -388,6 +401,7 @@ def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
     known = np.flatnonzero(np.isfinite(values))
     x, y = points[known], values[known]
     turns = np.flatnonzero((y[1:-1] <= y[:-2]) & (y[1:-1] <= y[2:])) + 1
+    # three points on each side: the coarser grids below, every second point, then see both slopes
     if not turns.size or not 3 <= turns[0] < y.size - 3:
         return nowhere
     low = int(turns[0])
@@ -396,16 +410,17 @@ def minimum(points: np.ndarray, values: np.ndarray) -> Minimum:
     at, value = _bottom(x[near], y[near], left, right)
     coarser = np.array([_bottom(x[near][first::2], y[near][first::2]) for first in (0, 1)])
     at_error, value_error = np.abs(coarser - [at, value]).max(axis=0)
-    walls = y[low - 2 : low + 3].max() - y[low]  # as far as the coarser grid sees
+    walls = y[low - 2 : low + 3].max() - y[low]  # two points to each side are the neighbours in the coarser grids
     rise = max(y[low - 1], y[low + 1]) - y[low]
-    too_deep = y[low] - value > rise / 4  # a parabola goes at most an eighth of it below its lowest point of three
+    # a parabola through three points goes at most an eighth of the rise below the lowest of them: twice that is allowed
+    too_deep = y[low] - value > rise / 4
     if known[low + 1] - known[low - 1] > 2 or at_error > right - left or value_error > walls or too_deep:
         return nowhere
     return Minimum(at, float(at_error), value, float(value_error))
 
 
 def _bottom(x: np.ndarray, y: np.ndarray, left: float = -np.inf, right: float = np.inf) -> tuple[float, float]:
-    """The lowest point between `left` and `right` of the spline through `y` at `x`, and its height."""
+    """Return the lowest point of the cubic spline through `y` at `x`, between `left` and `right`, and its height."""
     from scipy.interpolate import CubicSpline
 
     spline = CubicSpline(x, y)
@@ -417,11 +432,12 @@ def _bottom(x: np.ndarray, y: np.ndarray, left: float = -np.inf, right: float = 
 
 
 def circle_through(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
-    """Centre and radius of the circle that fits a path best, by least squares of its equation, in the unit of `x`.
+    """Fit a circle to a path, by least squares of its equation; return its centre and radius in the unit of `x`.
 
     Parameters
     ----------
     x, y : ndarray, shape (n,)
+        Points of the path [m].
 
     Examples
     --------
@@ -444,15 +460,15 @@ def stick_ratio(
     rho_r: float = BASE["rho_r"],
     D_r: float = BASE["D_r"],
 ) -> float:
-    """The axial friction per normal force that keeps one contact of a level dimer from slipping, mubar [1].
+    """Return mubar, the axial friction per normal force that keeps one contact of a level dimer from slipping [1].
 
-    It is (l r/2)/(J_t/m + r^2), with J_t the transverse inertia about the centre of mass. An end that slips when
-    mu < mubar cannot come to rest in an impact at that end.
+    It is (l r/2)/(J_t/m + r^2), with J_t the transverse inertia about the centre of mass. An end that slips when mu <
+    mubar cannot come to rest in an impact at that end.
 
     Parameters
     ----------
     A_r, r, rho_b, rho_r, D_r : float
-        As in `simulate`.
+        Parameters of the dimer, as in `simulate`.
 
     Examples
     --------

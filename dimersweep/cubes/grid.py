@@ -1,4 +1,4 @@
-"""Axes to points: a grid is kept as its axes, and any range of its points is laid out when it is needed."""
+"""Lay out the points of grids. A grid is stored as its axes; any range of its points is computed when needed."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
@@ -17,36 +17,40 @@ from dimersweep.inputs import as_number, as_numbers, check_count, check_labels, 
 from dimersweep.parameters import check, check_effect, check_name, fill_rows, keeps_rules, reduced, spelt_out
 from dimersweep.symbols import BASE, ENDS, PARAMETERS, START
 
-MAX_POINTS = 50_000_000  # of an axis, and of a cube in memory: about 14 GB, see benchmarks/speed/memory.py
+# most values of an axis, and most points of a cube in memory: about 14 GB, see benchmarks/speed/memory.py
+MAX_POINTS = 50_000_000
 
-RATIO_DIGITS = 40  # that values in a fixed ratio are reckoned with
-EXACT = 1 << 53  # up to it every whole number is a float
-STEP_TOLERANCE = 1e-9  # of a number of steps that counts as whole, times that number
-DIRECTIONS = ("up", "down")  # of a state that is carried along an axis; their places are the codes
+# digits of values in a fixed ratio: each is rounded MAX_POINTS times at most, which leaves more digits than a float has
+RATIO_DIGITS = 40
+EXACT = 1 << 53  # up to this size every whole number is a float
+# relative difference of a number of steps from a whole one: far above round-off, and 1/20 of a step at MAX_POINTS
+STEP_TOLERANCE = 1e-9
+DIRECTIONS = ("up", "down")  # directions in which a state is carried along an axis; their places are the codes
 _FORMS = "give values, or start, stop and either step or num; unit is optional, and spacing = log with num"
 Reader = Callable[[str, Any], float]
 
 
 def evenly(start: float, stop: float, count: int) -> np.ndarray:
-    """So many values from `start` to `stop` at one distance: each the float that is nearest to the decimal number meant.
+    """Return `count` values from `start` to `stop` at equal distances.
 
-    So 0.1, 0.2 and 0.3 are those that one would write, and the ends are exact.
+    Each is the float nearest to the decimal number meant: 0.1, 0.2 and 0.3 are the floats that one would write. Both
+    ends are exact.
     """
     first, last = Fraction(repr(float(start))), Fraction(repr(float(stop)))
     step = (last - first) / max(1, count - 1)
     parts = lcm(first.denominator, step.denominator)
     least, each = int(first * parts), int(step * parts)  # in units of 1/parts
-    if max(parts, abs(least), abs(least + each * (count - 1))) <= EXACT:  # one division rounds, once
+    # floats hold these whole numbers exactly, so that the division rounds each value once, to the nearest float
+    if max(parts, abs(least), abs(least + each * (count - 1))) <= EXACT:
         return (least + each * np.arange(count)) / parts
-    return np.array(
-        [(least + each * k) / parts for k in range(count)]
-    )  # so it is with Python's whole numbers, of any size
+    # Python divides whole numbers of any size with one rounding
+    return np.array([(least + each * k) / parts for k in range(count)])
 
 
 def _from_range(
     name: str, read: Reader, spacing: str, *, start: Any, stop: Any, step: Any = None, num: Any = None
 ) -> np.ndarray:
-    """Values from `start` to `stop`: so many, or in whole steps, which must reach the stop up to round-off."""
+    """Return values from `start` to `stop`: `num` of them, or in steps that must reach the stop up to round-off."""
     start, stop = read(f"{name}.start", start), read(f"{name}.stop", stop)
     if spacing == "log" and not 0 < start < stop:
         raise ParameterError(f"{name}.start = {start}: must be > 0 and < stop = {stop}, for logarithmic spacing")
@@ -75,7 +79,10 @@ def _from_range(
 
 
 def _in_ratio(low: float, high: float, count: int) -> np.ndarray:
-    """So many values in a fixed ratio, each the nearest float: the powers of numpy depend on the processor."""
+    """Return `count` values from `low` to `high` in a fixed ratio, each the nearest float.
+
+    They are computed in decimal numbers: the powers of numpy depend on the processor.
+    """
     with localcontext(Context(prec=RATIO_DIGITS)):
         first, last = Decimal(repr(low)), Decimal(repr(high))
         ratio = (last / first) ** (Decimal(1) / max(1, count - 1))
@@ -85,6 +92,10 @@ def _in_ratio(low: float, high: float, count: int) -> np.ndarray:
 
 
 def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
+    """Return the values in SI units that an axis declares by ``values`` or by a range, see `axis_values`.
+
+    Where start, stop and step share one unit and no ``unit`` is given, the range is laid out in this unit.
+    """
     given = dict(declared)
     units = PARAMETERS[name].units
     spacing = given.pop("spacing", "linear")
@@ -108,12 +119,14 @@ def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
 
 
 def fixed_value(name: str, value: Any) -> float:
-    """A fixed value: a number, a text with its unit, or a mapping with a `value` and a `unit`.
+    """Return a fixed value in its SI unit.
+
+    It is given as a number, as a text with its unit, or as a mapping with a `value` and a `unit`.
 
     Raises
     ------
     ParameterError
-        If the name is unknown, or it is no such value.
+        If the name is unknown, or `value` is none of these.
     """
     check_name(name)
     if isinstance(value, Mapping):
@@ -124,7 +137,7 @@ def fixed_value(name: str, value: Any) -> float:
 
 
 def axis_values(name: str, declared: Any) -> np.ndarray:
-    """One axis of a grid.
+    """Return the values of one axis of a grid, checked.
 
     Parameters
     ----------
@@ -133,7 +146,8 @@ def axis_values(name: str, declared: Any) -> np.ndarray:
     declared : array_like or mapping
         Values, or ``{"values": ...}``, ``{"start", "stop", "step"}`` or ``{"start", "stop", "num"}``, each with an
         optional ``"unit"`` ("deg" for an angle). The stop of a range belongs to it; whole steps must reach it. With
-        ``"spacing": "log"`` the `num` values are in a fixed ratio. A value may be a text with its unit, such as "16 deg".
+        ``"spacing": "log"`` the `num` values are in a fixed ratio. A value may be a text with its unit, such as "16
+        deg".
 
     Returns
     -------
@@ -161,16 +175,16 @@ def axis_values(name: str, declared: Any) -> np.ndarray:
 
 
 def finer(values: np.ndarray, halvings: int) -> np.ndarray:
-    """`values` with each of their intervals halved so many times; the given values are kept as they are."""
+    """Return `values` with each interval halved `halvings` times; the given values stay bit for bit."""
     ends = pairwise(values.tolist())
     return np.concatenate([*(evenly(*pair, (1 << halvings) + 1)[:-1] for pair in ends), values[-1:]])
 
 
 @dataclass(frozen=True)
 class Grid:
-    """The outer product of named axes, all other parameters fixed; points are numbered in C order.
+    """Outer product of named axes with all other parameters fixed; points are numbered in C order.
 
-    Single points are a grid, too: along the one axis `point`, with columns of the parameters that vary.
+    Single points are a grid, too: its one axis is `point`, and `columns` has the parameters that vary.
 
     Parameters
     ----------
@@ -179,7 +193,7 @@ class Grid:
     fixed : dict of str to float
         The other parameters, SI units.
     columns : dict of str to ndarray
-        Of single points: values of the parameters that vary, shape (n,), SI units.
+        For single points: values of the parameters that vary, shape (n,), SI units. Else empty.
     """
 
     axes: dict[str, np.ndarray]
@@ -188,7 +202,7 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Length of each axis."""
+        """Number of values of each axis."""
         return tuple(values.size for values in self.axes.values())
 
     @property
@@ -197,39 +211,39 @@ class Grid:
         return prod(self.shape)
 
     def rows_at(self, points: np.ndarray) -> np.ndarray:
-        """Kernel rows of `points`, numbers in C order of shape (n,); shape (n, N_ROW), float64."""
+        """Return the kernel rows of `points`, shape (n, N_ROW), float64, from their numbers in C order, shape (n,)."""
         return fill_rows(self.fixed | self.values(points), points.size)
 
     def values(self, points: Any) -> dict[str, np.ndarray]:
-        """Values of what varies at `points`, numbers in C order, of the same shape."""
+        """Return the values of what varies at `points`, numbers in C order; each array has the shape of `points`."""
         if self.columns:
             return {name: values[points] for name, values in self.columns.items()}
         places = np.unravel_index(points, self.shape)
         return {name: values[k] for (name, values), k in zip(self.axes.items(), places, strict=True)}
 
     def given(self, number: int) -> dict[str, float]:
-        """The parameters that are given at a point."""
+        """Return the parameters that are given at the point `number`, varied and fixed, without `direction`."""
         varied = {name: float(value) for name, value in self.values(number).items() if name != "direction"}
         return self.fixed | varied
 
     def point(self, number: int) -> str:
-        """Such as ``point 7 (Gamma = 0.9, beta0 = 0.2)``."""
+        """Return the point `number` in words, such as ``point 7 (Gamma = 0.9, beta0 = 0.2)``."""
         values = self.values(number).items()
         given = (f"{name} = {DIRECTIONS[k] if name == 'direction' else repr(float(k))}" for name, k in values)
         return f"point {number} ({', '.join(given)})"
 
     @property
     def line(self) -> int:
-        """Points that make one piece of work: a line of the last axis where a state is carried along that, else one."""
+        """Number of points in one piece of work: a line of the last axis where a state is carried along it, else 1."""
         return self.shape[-1] if "direction" in self.axes else 1
 
     def configuration(self) -> dict[str, Any]:
-        """The part of a configuration that gives the points."""
+        """Return the part of a configuration that gives the points."""
         kind, varied = ("points", self.columns) if self.columns else ("grid", self.axes)
         return {kind: {name: values.tolist() for name, values in varied.items()}, "fixed": self.fixed}
 
     def window(self, start: int, stop: int) -> tuple["Grid", int]:
-        """A small grid with the points `start` to `stop` - 1 in one piece, and the number of the first of them there.
+        """Return a small grid that has the points `start` to `stop` - 1 in one piece, and the number of `start` in it.
 
         Tasks that travel carry it in place of the whole grid, whose axes may be long.
         """
@@ -246,7 +260,10 @@ class Grid:
 
 
 def without_directions(axes: Mapping[str, Any] | None) -> tuple[dict[str, Any] | None, str | None]:
-    """The axes that a user gave, and `carry`, from those of a configuration."""
+    """Return the axes that a user gave, and `carry`, from the axes of a configuration.
+
+    It is the inverse of `with_directions`.
+    """
     if axes is None or "direction" not in axes:
         return axes if axes is None else dict(axes), None
     codes = axes["direction"]
@@ -255,12 +272,13 @@ def without_directions(axes: Mapping[str, Any] | None) -> tuple[dict[str, Any] |
 
 
 def with_directions(grid: Grid, carry: Any) -> Grid:
-    """A grid along whose last axis the state is carried: with an axis `direction`, of codes, before that one.
+    """Return a grid along whose last axis the state is carried: an axis `direction`, of codes, comes before that axis.
 
     Raises
     ------
     ParameterError
-        If `carry` is no direction, or the last axis is of the start, which only the first run of a line has.
+        If `carry` is no direction, or the last axis is a parameter of the start, which no later run
+        of a line uses.
     """
     if carry not in (*DIRECTIONS, "both"):
         raise ParameterError(f"carry = {carry!r}: must be one of {', '.join(DIRECTIONS)}, both")
@@ -276,12 +294,14 @@ def with_directions(grid: Grid, carry: Any) -> Grid:
 
 
 def legal_points(grid: Grid) -> np.ndarray:
-    """Which points keep the rules that tie two axes, shape (grid.size,), bool.
+    """Return a mask of the points that keep the rules between two parameters, shape (grid.size,), bool.
+
+    Such a rule: mu_s is not below mu.
 
     Raises
     ------
     ParameterError
-        If none does.
+        If no point keeps them.
     """
     legal = np.broadcast_to(keeps_rules(grid.values(np.arange(grid.size))), grid.size)
     if not legal.any():
@@ -292,12 +312,15 @@ def legal_points(grid: Grid) -> np.ndarray:
 def laid_out(
     varied: Mapping[str, Any], fixed: Any, read: Callable[[str, Any], np.ndarray], gaps: Collection[str]
 ) -> tuple[dict[str, np.ndarray], dict[str, float]]:
-    """Values of what varies, as `read` of each name and what is given for it, and of all other parameters, checked together.
+    """Return the values of varied and of all other parameters, checked together.
+
+    `read` takes the name of a varied parameter and what is given for it, and returns its values. Combinations on the
+    axes in `gaps` may break rules between two parameters.
 
     Raises
     ------
     ParameterError
-        Also for a parameter that is given twice, or is without effect beside others.
+        If a value is not allowed, or a parameter is given twice or has no effect beside others.
     """
     if not isinstance(fixed, Mapping | None):
         raise ParameterError(f"fixed = {fixed!r}: must be a mapping of parameters and values")
@@ -314,7 +337,7 @@ def laid_out(
 
 
 def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> dict[str, float]:
-    """Every parameter that does not vary, in SI units: as `fixed` says, or as in the base case.
+    """Return every parameter that does not vary, in SI units: from `fixed`, or from the base case.
 
     What differs from end to end is given by its values at the ends, so that the same points have the same description.
     """
@@ -329,12 +352,12 @@ def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> 
 def make_grid(
     axes: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *, gaps: Collection[str] = (), carry: Any = None
 ) -> Grid:
-    """Build a grid and check every point of it, axis by axis.
+    """Build a grid and check all its points, axis by axis.
 
     Parameters
     ----------
     axes : mapping of str to array_like or mapping
-        See `axis_values`.
+        Each axis as `axis_values` takes it.
     fixed : mapping of str to float, optional
         Parameters that differ from the paper's base case.
     gaps : collection of str
@@ -360,19 +383,20 @@ def make_grid(
 
 
 def make_points(table: Any, fixed: Mapping[str, Any] | None = None) -> Grid:
-    """Check a table of points.
+    """Check a table of points, and return it as a grid along `point`.
 
     Parameters
     ----------
     table : mapping of str to array_like, pandas.DataFrame or xarray.Dataset
-        A column of one length for each parameter that varies, in SI units; of a dataset, its parameters of one dimension.
+        A column of one length for each parameter that varies, in SI units; of a dataset, its parameters of one
+        dimension.
     fixed : mapping of str to float, optional
         Parameters that differ from the paper's base case.
 
     Returns
     -------
     Grid
-        Along `point`, the number of each.
+        Along `point`, the numbers of the points.
 
     Raises
     ------
@@ -402,9 +426,10 @@ def make_points(table: Any, fixed: Mapping[str, Any] | None = None) -> Grid:
 
 
 def _columns(table: Any) -> dict[str, Any]:
+    """Return the columns of a table by name: of a dataset, its parameters of one dimension; of a mapping, all."""
     if hasattr(table, "data_vars"):
         told = {str(name): each for name, each in table.variables.items() if name in PARAMETERS}
-        if "mode" in table:  # a cube tells what follows from the rest, too
+        if "mode" in table:  # a cube has parameters that follow from others, too: they are left out
             told = reduced(told)
         return {name: each for name, each in told.items() if each.ndim == 1}
     if hasattr(table, "items"):
@@ -418,6 +443,7 @@ def _columns(table: Any) -> dict[str, Any]:
 
 
 def _column(name: str, values: Any) -> np.ndarray:
+    """Return a column of a table in SI units, given as a sequence or as a declaration like that of an axis."""
     check_name(name)
     if isinstance(values, Mapping):
         return _from_declaration(name, values)
@@ -427,13 +453,13 @@ def _column(name: str, values: Any) -> np.ndarray:
 
 
 def check_fits(grid: Grid, *, by_blocks: bool) -> None:
-    """Refuse a grid whose results memory cannot be expected to hold.
+    """Refuse a grid whose results would not fit into memory.
 
     Parameters
     ----------
     grid : Grid
     by_blocks : bool
-        Whether its cube could be written without being held in memory.
+        True if its cube could be written block by block, without being whole in memory.
 
     Raises
     ------

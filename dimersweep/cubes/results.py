@@ -1,4 +1,4 @@
-"""Results of grid points: their layout, ranges of points, and which of them have failed or never run."""
+"""Lay out the results of grid points: their types, ranges of points, and which points have failed or were never run."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice, pairwise
@@ -21,19 +21,20 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.symbols import Quantity
 
-# statuses of points: those of the kernel, and one that it does not know
+# statuses of points: those of the kernel, and one more for an observer that failed
 OBSERVER_FAILED = len(STATUSES)
 POINT_STATUSES = (*STATUSES, "observer")
 POINT_MESSAGES = (
     *STATUS_MESSAGES,
     "the run reached its end, and the observer of one's own raised, or gave what it had not declared",
 )
-MESSAGE_BYTES = 100  # of what is kept of an error of an observer
-RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])  # of the run of one point
+MESSAGE_BYTES = 100  # length of an observer's error in a result; the rest of the message is cut
+# the result of the run of one point
+RESULT = np.dtype([("out", "<f8", (N_OUT,)), ("codes", "<i8", (N_CODES,))])
 
 
 class Along(NamedTuple):
-    """A dimension that a field has besides those of the points: its name, the values along it, and what these are."""
+    """Dimension that a field has besides those of the points: its name, the values along it, and their quantity."""
 
     name: str
     values: np.ndarray
@@ -41,7 +42,7 @@ class Along(NamedTuple):
 
 
 class Field(NamedTuple):
-    """What is known of each point besides the result of its run: a variable of the cube, and how it is kept.
+    """Quantity that is stored for each point besides the result of its run, as a variable of the cube.
 
     Attributes
     ----------
@@ -49,11 +50,11 @@ class Field(NamedTuple):
     quantity : Quantity
         Its unit and meaning.
     type : str
-        Of numpy: floats, or integers for flags and counts.
+        Type in numpy's notation: floats, or integers for flags and counts.
     along : Along, optional
         Its own dimension.
     about : str
-        The variable that it tells more of, if there is one.
+        Name of the variable that this one describes further, or "".
     """
 
     name: str
@@ -64,7 +65,7 @@ class Field(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of its values at one point."""
+        """Shape of its values at one point."""
         return () if self.along is None else (self.along.values.size,)
 
     @property
@@ -74,12 +75,12 @@ class Field(NamedTuple):
 
 
 def kind_with(fields: Iterable[Field]) -> np.dtype:
-    """The type of a result with these fields besides those of `RESULT`."""
+    """Return the type of a result with `fields` behind those of `RESULT`."""
     return np.dtype([*RESULT.descr, *((each.name, each.type, each.shape) for each in fields)])
 
 
 def blank_results(n: int, kind: np.dtype = RESULT) -> np.ndarray:
-    """Results of `n` points that have none, shape (n,): NaN and 0, with the mode of what was not run.
+    """Return results of `n` points that were not run, shape (n,): floats are NaN, integers 0, the mode is not_run.
 
     `kind` has the fields of `RESULT`, and perhaps more.
     """
@@ -92,14 +93,14 @@ def blank_results(n: int, kind: np.dtype = RESULT) -> np.ndarray:
 
 
 class Tile(NamedTuple):
-    """The grid points `start` to `stop` - 1, in C order."""
+    """Range of grid points from `start` to `stop` - 1, in C order."""
 
     start: int
     stop: int
 
 
 class Finished(NamedTuple):
-    """A tile with its results, shape (n,), and its time [s]."""
+    """Tile with its results, shape (n,), and the time of their computation [s]."""
 
     tile: Tile
     results: np.ndarray
@@ -112,17 +113,17 @@ class Finished(NamedTuple):
         return codes
 
     def part(self, tile: Tile) -> "Finished":
-        """The points that lie in `tile`, which is covered."""
+        """Return the results of the points in `tile`, which must lie within this one; their time is 0."""
         return Finished(tile, self.results[tile.start - self.tile.start : tile.stop - self.tile.start])
 
 
 def split(ranges: Iterable[Tile], length: int) -> Iterator[Tile]:
-    """Tiles of at most `length` points that cover `ranges`."""
+    """Yield tiles of at most `length` points that cover `ranges`."""
     return (Tile(at, min(at + length, stop)) for start, stop in ranges for at in range(start, stop, length))
 
 
 def gaps(size: int, done: Iterable[Tile]) -> Iterator[Tile]:
-    """The ranges of `size` points that no tile of `done` covers."""
+    """Yield the ranges of `size` points that no tile of `done` covers."""
     reached = 0
     for start, stop in sorted(done):
         if start > reached:
@@ -133,7 +134,10 @@ def gaps(size: int, done: Iterable[Tile]) -> Iterator[Tile]:
 
 
 def common(some: Iterable[Tile], others: Sequence[Tile]) -> Iterator[Tile]:
-    """The ranges that lie in both; each in order, and apart from one another."""
+    """Yield the ranges of points that lie in both sequences.
+
+    The tiles of each sequence increase and do not overlap.
+    """
     first = 0
     for start, stop in some:
         while first < len(others) and others[first].stop <= start:
@@ -145,9 +149,9 @@ def common(some: Iterable[Tile], others: Sequence[Tile]) -> Iterator[Tile]:
 
 
 def chunks(ranges: Iterable[Tile], length: Callable[[], int], line: int = 1) -> Iterator[np.ndarray]:
-    """Numbers of the points of `ranges`, each time as many as `length` then says; the last ones may be fewer.
+    """Yield the numbers of the points of `ranges` in pieces, each of as many points as `length()` then returns.
 
-    Each time they are whole lines of so many points, at least one; `ranges` have whole ones.
+    A piece has whole lines of `line` points, at least one; so must `ranges`. The last piece may be shorter.
     """
     parts: list[np.ndarray] = []
     room = 0
@@ -165,18 +169,21 @@ def chunks(ranges: Iterable[Tile], length: Callable[[], int], line: int = 1) -> 
 
 
 def ranges_of(points: np.ndarray) -> list[Tile]:
-    """The ranges that increasing numbers of points make up."""
+    """Return increasing numbers of points as ranges of consecutive points."""
     ends = [0, *(np.flatnonzero(np.diff(points) != 1) + 1).tolist(), points.size]
     return [Tile(int(points[a]), int(points[b - 1]) + 1) for a, b in pairwise(ends) if a < b]
 
 
 def runs(chosen: np.ndarray, start: int = 0) -> list[Tile]:
-    """The ranges where `chosen`, shape (n,), bool, holds; its first item is point `start`."""
+    """Return the ranges of points where `chosen`, shape (n,), bool, is True; its first item is point `start`."""
     return ranges_of(np.flatnonzero(chosen) + start)
 
 
 def pieces(points: np.ndarray, results: np.ndarray, seconds: float = 0.0) -> Iterator[Finished]:
-    """Results of increasing points, shape (n,), range by range; their time [s] stands with the first one."""
+    """Yield the results of increasing points, shape (n,), as one tile for each range of consecutive points.
+
+    The first tile has the whole time [s], the others 0.
+    """
     first = 0
     for tile in ranges_of(points):
         last = first + tile.stop - tile.start
@@ -185,29 +192,35 @@ def pieces(points: np.ndarray, results: np.ndarray, seconds: float = 0.0) -> Ite
 
 
 def not_run(codes: np.ndarray) -> np.ndarray:
-    """Where points of codes, shape (n, N_CODES), have never been run; shape (n,), bool."""
+    """Return a mask of the points that have never been run, shape (n,), bool, from codes of shape (n, N_CODES)."""
     return codes[:, CODE_MODE] == M_NOT_RUN
 
 
 def failed(codes: np.ndarray) -> np.ndarray:
-    """Where points of codes, shape (n, N_CODES), were run without a result; shape (n,), bool."""
-    # a point of a refined map that is as its cell has a mode, but no status
+    """Return a mask of the points that ran without a result, shape (n,), bool, from codes of shape (n, N_CODES)."""
+    # a refined map gives points without runs the mode of their cell: their status NOT_RUN is no failure
     return (codes[:, CODE_MODE] == M_FAILED) | ~np.isin(codes[:, CODE_STATUS], (OK, NOT_RUN))
 
 
 def not_ok(codes: np.ndarray) -> np.ndarray:
-    """Where points of codes, shape (n, N_CODES), have no result: failed, or never run; shape (n,), bool."""
+    """Return a mask of the points without a result, shape (n,), bool, from codes of shape (n, N_CODES).
+
+    They have failed or have never been run.
+    """
     return failed(codes) | not_run(codes)
 
 
 def why_failed(result: np.void) -> str:
-    """The status of a point that has failed, and what that means."""
+    """Return the status of a failed point, and what it means or the error of the observer."""
     status = int(result["codes"][CODE_STATUS])
     told = bytes(result["observer_error"]).decode() if status == OBSERVER_FAILED else POINT_MESSAGES[status]
     return f"{POINT_STATUSES[status]}: {told}"
 
 
 def tally(codes: np.ndarray) -> dict[str, int]:
-    """Number of points in each mode, from codes of shape (n, N_CODES); all that have no result count as failed."""
+    """Return the number of points in each mode, by its word, from codes of shape (n, N_CODES).
+
+    Points that ran without a result count as failed, whatever their mode.
+    """
     values, counts = np.unique(np.where(failed(codes), M_FAILED, codes[:, CODE_MODE]), return_counts=True)
     return {MODES[value]: int(count) for value, count in zip(values, counts, strict=True)}

@@ -1,4 +1,4 @@
-"""What pictures and estimates of errors ask of a run that was made."""
+"""Declare what pictures and estimates of errors need of a run: `SeenRun`, with checks and words of a run."""
 
 from collections.abc import Collection
 from typing import Any, Protocol
@@ -10,7 +10,7 @@ from dimersweep.symbols import DI_END_MEANINGS, MODE_MEANINGS, MOTIONS_PAGE, TRA
 
 
 class SeenRun(Protocol):
-    """A motion that was run, as it is seen from outside; `Run` says what each of these is."""
+    """Protocol of a run, as pictures and estimates of errors use it; `Run` describes each attribute."""
 
     @property
     def status(self) -> str: ...
@@ -46,7 +46,7 @@ class SeenRun(Protocol):
 
 
 def check_shown(run: SeenRun, wanted: str) -> None:
-    """Raise `ParameterError` if a run was not recorded, or ended within its first forcing period: there is nothing to show."""
+    """Raise `ParameterError` if there is nothing to show: no record, or less than a forcing period."""
     run.record(wanted)
     if not run.n_periods:
         raise ParameterError(
@@ -55,7 +55,10 @@ def check_shown(run: SeenRun, wanted: str) -> None:
 
 
 def meanings(run: SeenRun) -> dict[str, str]:
-    """What the words of a verdict mean, by the word: first that of the mode, with the page that says more."""
+    """Return the meaning of each word of a run's verdict, by the word.
+
+    The first is the meaning of the mode, with the page that says more.
+    """
     di_end = run.orbit.di_end if run.orbit else "none"
     said = {run.mode: f"{MODE_MEANINGS[run.mode].replace('`', '')} ({MOTIONS_PAGE})"}
     said |= {run.track: TRACK_MEANINGS[run.track], di_end: DI_END_MEANINGS[di_end]}
