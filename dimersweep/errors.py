@@ -1,15 +1,15 @@
-"""Errors that are the user's to mend: each message is one line with the name, the value and what is allowed."""
+"""Errors that a user can mend: each message is one line with the name, the value and what is allowed."""
 
 import re
 from collections.abc import Iterable
 
 
 class UserError(Exception):
-    """Something given to the program that it cannot work with."""
+    """Error that a user can mend: base of the errors of input, files, results and the machine."""
 
 
 class ParameterError(UserError, ValueError):
-    """A parameter, an axis or a setting that the model does not allow.
+    """Error of a parameter, an axis or a setting that the model does not allow.
 
     Examples
     --------
@@ -23,15 +23,15 @@ class ParameterError(UserError, ValueError):
 
 
 class AbsentError(ParameterError, AttributeError):
-    """What was asked of something that a run does not have: with what it has instead."""
+    """Error of an attribute that a run does not have; the message says what the run has instead."""
 
 
 class OrbitError(UserError, RuntimeError):
-    """An orbit, a branch or a border that was not found: with what was tried."""
+    """Error of an orbit, a branch or a border that was not found; the message says what was tried."""
 
 
 class StoreError(UserError, OSError):
-    """A file that cannot be written, or that is no cube.
+    """Error of a file that cannot be written, or that is no cube.
 
     Examples
     --------
@@ -45,7 +45,7 @@ class StoreError(UserError, OSError):
 
 
 class PointError(UserError, RuntimeError):
-    """A point that failed, where the user asked to stop at the first one.
+    """Error of a point that failed, where the user asked to stop at the first failure.
 
     Examples
     --------
@@ -62,15 +62,15 @@ class PointError(UserError, RuntimeError):
 
 
 class UnfinishedError(UserError, RuntimeError):
-    """A sweep that lacks points, which the machine or the program could not run: they are still to be done."""
+    """Error of a sweep that lacks points, which the machine or the program could not run: they are still to be done."""
 
 
 class KernelError(UserError, RuntimeError):
-    """A kernel that cannot run here, that gives other numbers than it must, or that does not get through a motion."""
+    """Error of a kernel that cannot run here, computes other numbers than it must, or does not finish a motion."""
 
 
 class Stopped(KeyboardInterrupt):
-    """A sweep that Ctrl-C or a SIGTERM has stopped: the message says what is kept and how to go on.
+    """Interrupt of a sweep by Ctrl-C or SIGTERM; the message says which results are kept and how to go on.
 
     Parameters
     ----------
@@ -97,14 +97,19 @@ class Stopped(KeyboardInterrupt):
 
 
 def unknown(name: str, kind: str, allowed: Iterable[str], rest: str = "") -> str:
-    """What to say of a `name` that is none of `allowed`: which it is near to, and all of them, or where to find the `rest`."""
+    """Return the message about a `name` that is none of `allowed`, with the allowed names near to it.
+
+    `kind` says what is named. The message ends with all allowed names, or with `rest` in place of a long list.
+    """
     from difflib import get_close_matches
 
-    def plain(text: str) -> str:  # capitals, and zeros before a number, are alike
+    # capitals and small letters are alike, and so are numbers with and without leading zeros
+    def plain(text: str) -> str:
         return re.sub(r"0+(?=\d)", "", text.lower())
 
     allowed = list(allowed)
-    words, word = {each.lstrip("-"): each for each in allowed}, str(name).lstrip("-")  # the dashes of options are alike
+    # the dashes of options would make all of them similar
+    words, word = {each.lstrip("-"): each for each in allowed}, str(name).lstrip("-")
     same = [each for each in words if plain(each) == plain(word)]
     near = same or get_close_matches(word, words, 3 if rest else 1)
     meant = f"; did you mean {' or '.join(words[each] for each in near)}?" if near else ""
@@ -112,5 +117,5 @@ def unknown(name: str, kind: str, allowed: Iterable[str], rest: str = "") -> str
 
 
 def one_line(error: object) -> str:
-    """What an error of another library says, or a name of a user's, on one line that is not too long."""
+    """Return the text of another library's error, or a name from a user, on one line of at most 200 characters."""
     return " ".join(str(error).split())[:200]

@@ -1,7 +1,7 @@
 """List what the analysis adds to the engine: commands, pictures, observers and maps, and where each is loaded from.
 
-The engine imports nothing of `dimersweep.analysis`. It loads what stands here when it is asked for, by name. Where that folder
-is not installed, these commands are not there, and what else is asked for by name is refused.
+The engine imports nothing of `dimersweep.analysis`. It loads an entry of these tables when a user asks for it by name.
+Where the analysis is not installed, its commands are absent, and any other entry is refused.
 """
 
 from importlib import import_module
@@ -12,7 +12,7 @@ from dimersweep.errors import ParameterError
 
 ANALYSIS = "dimersweep.analysis"
 
-# of each command of the command line, its function
+# command of the command line: its function
 COMMANDS = {
     "borders": "commands.bordering:borders",
     "orbits": "commands.finding:orbits",
@@ -21,25 +21,27 @@ COMMANDS = {
     "fit": "commands.measuring:fit",
     "waveform": "commands.measuring:waveform",
 }
-# of each command, the examples that its help shows
+# examples that the help of each command shows, by its name
 EXAMPLES = "commands:EXAMPLES"
-# of each kind of picture of a cube, the function that draws it
+# kind of picture of a cube: the function that draws it
 PICTURES = {"circles": "circles:circles", "attractors": "attractors.pictures:attractors"}
-# of each kind of table, by a variable that marks it, the function that draws it; the last draws all others
+# variable by which a table is known: the function that draws the table; the last function draws all other tables
 TABLE_PICTURES = {"attractor": PICTURES["attractors"], "": "orbits.borders.pictures:draw_borders"}
-# of each switch of `sweep`, the observer that it adds
+# switch of `sweep`: the observer that it adds
 OBSERVERS = {"sustained": "observers:Sustained"}
-# of each kind of table, by a variable that marks it, its map in the explorer
+# variable by which a table is known: its map in the explorer
 MAPS = {"slow_multiplier": "mapping:BorderMap"}
 
 
 def is_installed() -> bool:
-    """Return whether the analysis is there."""
+    """Return True if the package `dimersweep.analysis` is installed."""
     return find_spec(ANALYSIS) is not None
 
 
 def load(place: str, name: str) -> Any:
-    """Load what stands at a place, such as ``"circles:circles"``, for what a user calls `name`.
+    """Load the object at a place of the analysis, such as ``"circles:circles"`` (module:name).
+
+    `name` is how a user calls it, for the message of an error.
 
     Raises
     ------

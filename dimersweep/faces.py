@@ -1,4 +1,4 @@
-"""Share what the package and its rooms show: the version, and names that are loaded when they are asked for."""
+"""Hold the version, and load names of the package when they are first used."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ __version__ = "0.1.0"
 
 
 def reachable(room: str, *modules: str) -> Callable[[str], Any]:
-    """A `__getattr__` for a room some of whose modules are public: each is loaded when it is asked for."""
+    """Return a `__getattr__` for the module `room`: it imports each of the public `modules` when it is first used."""
 
     def load(name: str) -> Any:
         if name not in modules:
@@ -23,14 +23,18 @@ def reachable(room: str, *modules: str) -> Callable[[str], Any]:
 
 
 def _accessor(data: Any) -> Any:
+    """Return the accessor of a dataset; its module is imported now, as it needs Numba."""
     return import_module("dimersweep.runs.accessor").DatasetAccessor(data)
 
 
 class _WithXarray(MetaPathFinder):
-    """Gives datasets their `data.dimersweep` once xarray is imported, by whomever: that alone takes half a second."""
+    """Finder of modules that registers the accessor `data.dimersweep` when xarray is imported, by whatever program.
+
+    To import xarray for this alone would take half a second.
+    """
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
-        """Find xarray as others find it, and have it know `dimersweep` when it has been loaded."""
+        """Find xarray by the other finders, and register the accessor after it is loaded."""
         if name != "xarray":
             return None
         found = (each.find_spec(name, path, target) for each in sys.meta_path if each is not self)

@@ -1,4 +1,4 @@
-"""Numbers, counts and switches that a user gives, checked one at a time."""
+"""Check single numbers, counts, switches, units and files that a user gives."""
 
 import re
 import reprlib
@@ -21,12 +21,12 @@ from dimersweep.errors import ParameterError, one_line
 from dimersweep.symbols import PARAMETERS
 
 RTOL_RANGE = (1e-13, 1e-2)
-MAX_SECONDS = 1e8  # a bound on time: the system takes no longer ones
-MAX_COUNT = 1_000_000_000  # forcing periods and other counts: the cube keeps them in 32 bits
+MAX_SECONDS = 1e8  # longest bound on a time, some three years: timers of the system take no longer ones
+MAX_COUNT = 1_000_000_000  # most forcing periods, and other counts: below 2^31, as cubes store them in 32 bits
 
 Size = Fraction | float
-# what units are made of, by all their names: their size in m, kg, s and rad, and the powers of these. A turn is no pure number
-# here, so that 900 rpm are 15 Hz and not 94 Hz; a fraction makes 4.1 mm the float that 0.0041 is
+# simple units by all their names: size in m, kg, s and rad, and the powers of these. A turn is no pure number here, so
+# that 900 rpm are 15 Hz and not 94 Hz. Sizes are fractions, so that 4.1 mm become the same float as 0.0041 m
 _NAMED: dict[str, tuple[Size, dict[str, int]]] = {
     "1 dimensionless": (Fraction(1), {}),
     "% percent": (Fraction(1, 100), {}),
@@ -51,19 +51,19 @@ _UNITS = {
     for prefixes, power in _PREFIXES.items()
     for prefix in prefixes.split()
     for word, (size, powers) in _WORDS.items()
-} | _WORDS  # so that min is a minute
-# another unit of the kind, by which what may be given is told
+} | _WORDS  # a name without a prefix wins over one with a prefix that is spelt alike
+# an example of another unit of the same kind, for messages
 _SUCH_AS = {"rad": "deg", "m": "mm", "m s-1": "mm/s", "m s-2": "g", "s": "ms", "Hz": "rpm", "rad s-1": "rpm"}
 
 
 def _shown(value: Any) -> str:
-    """A value that a user gave, in a line, however long or deeply nested it is."""
+    """Return a user's value as text for a message, on one line and shortened if it is long or deeply nested."""
     return " ".join(reprlib.repr(value).split())
 
 
 @cache
 def _parsed(text: str) -> tuple[Size, Counter[str]] | None:
-    """Return the size of a unit such as m s-1, m/s or µm, and its powers of m, kg, s and rad; None of what is no unit here."""
+    """Return the size of a unit such as m s-1, m/s or µm, and its powers of m, kg, s and rad; None if it is unknown."""
     size: Size = Fraction(1)
     powers = Counter[str]()
     text = re.sub(r"[\s_]per[\s_]", "/", normalize("NFKC", text).replace("−", "-").replace("**", "^"))
@@ -78,16 +78,21 @@ def _parsed(text: str) -> tuple[Size, Counter[str]] | None:
 
 
 def is_unit(text: str, like: str | None = None) -> bool:
-    """Return whether a text, which is no number, is a unit such as mm, and of the kind of another one."""
+    """Return True if a text is a unit such as mm, and no number.
+
+    With `like`, it must be of the same kind as that unit.
+    """
     found = None if re.match(r"\d|$", text) else _parsed(text)
     return found is not None and (like is None or found[1] == (_parsed(like) or found)[1])
 
 
 def size_of(name: str, value: Any, unit: Any, units: str | None) -> Size:
-    """Return the size of the unit that a value has, in `units`; 1 where these are None.
+    """Return the size of `unit`, the unit of `value`, in `units`; 1 if `units` is None.
 
-    A g that is a text is the earth's in an acceleration, and else a gram. A rate of turning is a frequency, too, but no
-    frequency is a rate of turning: some mean turns by it and some radians. Raise a ParameterError if it is of another kind.
+    A text "g" is the earth's gravity for an acceleration, else a gram. A rate of turning is accepted for a frequency:
+    900 rpm are 15 Hz. A frequency is no rate of turning, as some people mean turns by it and some radians.
+
+    Raise a ParameterError if the unit is of another kind.
     """
     text = str(unit)
     if units is None or text == units:
@@ -107,7 +112,10 @@ def size_of(name: str, value: Any, unit: Any, units: str | None) -> Size:
 
 
 def in_units(numbers: Any, size: Size) -> Any:
-    """Return numbers times the size of their unit: of a single one the float nearest to the decimal number meant."""
+    """Return `numbers` times `size`, the size of their unit.
+
+    A single number becomes the float nearest to the decimal number that was meant.
+    """
     if isinstance(numbers, float) and isinstance(size, Fraction) and isfinite(numbers):
         return float(Fraction(repr(float(numbers))) * size)
     many, parts = size.as_integer_ratio()
@@ -115,15 +123,16 @@ def in_units(numbers: Any, size: Size) -> Any:
 
 
 def _from_carrier(name: str, value: Any, units: str | None, result: bool) -> np.ndarray:
-    """Return what an array, or a number of another library, holds: floats in `units`, of any shape."""
-    inner = getattr(value, "data", value) if hasattr(value, "dims") else value  # xarray's may hold that of pint
-    bare = getattr(inner, "magnitude", value)  # pint warns where its unit is left out
+    """Return the numbers in an array, or in a number of another library, as floats in `units`, of any shape."""
+    # an array of xarray may hold one of pint
+    inner = getattr(value, "data", value) if hasattr(value, "dims") else value
+    bare = getattr(inner, "magnitude", value)  # pint warns if its array is read without `magnitude`
     masked = np.ma.is_masked(bare)
     if masked and not result:
         raise ParameterError(f"{name} = {_shown(value)}: has masked values; give numbers only")
     try:
         array = np.asarray(np.where(np.ma.getmaskarray(bare), np.nan, np.ma.getdata(bare)) if masked else bare)
-    except Exception as error:  # whatever another library says
+    except Exception as error:  # another library may raise anything
         raise ParameterError(f"{name}: cannot be read as numbers ({one_line(error)})") from None
     attributes = getattr(value, "attrs", None)
     unit = attributes.get("units") if isinstance(attributes, Mapping) else None
@@ -140,7 +149,7 @@ def _from_carrier(name: str, value: Any, units: str | None, result: bool) -> np.
     if array.dtype.kind not in ("iufb" if result else "iuf"):
         dates = "; of dates give the time since one of them" if array.dtype.kind == "M" else ""
         raise ParameterError(f"{name} = {_shown(value)}: must be a number{dates}")
-    with np.errstate(over="ignore"):  # of longer floats
+    with np.errstate(over="ignore"):  # floats of 80 or 128 bits may be beyond the range of 64 bits: they become inf
         numbers = array.astype(float)
     return numbers if plain else np.asarray(in_units(numbers[()], size_of(name, value, unit, units)))
 
@@ -152,17 +161,18 @@ def as_number(name: str, value: Any, units: str | None = "1", *, result: bool = 
     ----------
     name : str
     value : float or str
-        A number in that unit, a text with its unit, as "16 deg" or "2 mm", or what carries its unit: numbers of xarray, pint
-        and astropy, durations.
+        A number in `units`, a text with its unit, such as "16 deg" or "2 mm", or an object that carries its unit: a
+        number of xarray, pint or astropy, or a duration.
     units : str, optional
-        If None, numbers of any unit are taken as they are.
+        Unit of the result. If None, numbers of any unit are taken without conversion.
     result : bool
-        Whether a function has returned it: it may be missing or infinite, a bool is 0 or 1, and what is masked is NaN.
+        True if a user's function returned `value`: it may be missing or infinite then, a bool is 0 or 1, and a masked
+        value is NaN.
 
     Raises
     ------
     ParameterError
-        If it is no real number (a bool is none), masked, not finite or of another kind of unit.
+        If `value` is no real number (a bool is none), is masked or not finite, or has a unit of another kind.
     """
     if isinstance(value, timedelta):
         value = f"{value.total_seconds()!r} s"
@@ -187,7 +197,7 @@ def number(name: str, value: Any) -> float:
 
 
 def _from_text(name: str, text: str, units: str | None) -> float:
-    """Return the number that a text such as "16 deg" tells, in `units`."""
+    """Return the number that a text such as "16 deg" gives, in `units`."""
     size, unit = size_and_unit(text)
     if size is None:
         either = ', or an angle with its unit such as "16 deg"' if units == "rad" else ""
@@ -198,7 +208,7 @@ def _from_text(name: str, text: str, units: str | None) -> float:
 
 
 def size_and_unit(text: str) -> tuple[float | None, str]:
-    """Return the number in a text such as "16 deg", None if there is none, and the unit after it."""
+    """Split a text such as "16 deg" into its number and its unit; the number is None if there is none."""
     found = re.fullmatch(r"\s*([-+−]?[\d.]+(?:[eE][-+]?\d+)?|[-+]?inf|nan)\s*(.*?)\s*", text)
     try:
         return (float(found[1].replace("−", "-")), found[2]) if found else (None, "")
@@ -207,7 +217,7 @@ def size_and_unit(text: str) -> tuple[float | None, str]:
 
 
 def as_numbers(name: str, values: Any, units: str | None = "1", *, result: bool = False) -> np.ndarray:
-    """Return `values` as finite floats in `units`, shape (n,); see `as_number`. A lone number is one value."""
+    """Return `values` as finite floats in `units`, shape (n,); see `as_number`. A single number has shape (1,)."""
     if hasattr(values, "__array__") and getattr(values, "ndim", 1) == 1:
         column = np.atleast_1d(_from_carrier(name, values, units, result))
     elif isinstance(values, list) and {*map(type, values)} == {float}:
@@ -222,12 +232,12 @@ def as_numbers(name: str, values: Any, units: str | None = "1", *, result: bool 
 
 
 def pair_of(name: str, pair: Any, what: str) -> tuple[Any, Any]:
-    """Return two values, in their order.
+    """Return the two values in `pair`, in their order; `what` says in a message what the pair must be.
 
     Raises
     ------
     ParameterError
-        If these are none: a text, a set or a mapping has no first and second.
+        If `pair` has no two values in order, as a text, a set or a mapping.
     """
     in_order = not isinstance(pair, str | bytes | Mapping | Set) and np.iterable(pair)
     values = tuple(pair) if in_order else ()
@@ -237,7 +247,7 @@ def pair_of(name: str, pair: Any, what: str) -> tuple[Any, Any]:
 
 
 def columns_of(table: Any) -> list[Any]:
-    """Return the columns of a table of numbers, each with what it carries; a lone column is a table, too."""
+    """Return the columns of a table of numbers, each with its unit and labels; a single column is a table, too."""
     if getattr(table, "ndim", 0) == 2:
         places = getattr(table, "iloc", table)
         return [places[:, k] for k in range(table.shape[1])]
@@ -246,11 +256,11 @@ def columns_of(table: Any) -> list[Any]:
 
 
 def check_labels(columns: Mapping[str, Any]) -> None:
-    """Raise a ParameterError if columns that belong together carry labels, of pandas or xarray, that differ."""
+    """Raise a ParameterError if columns that belong together have different labels of pandas or xarray."""
     known: dict[str, Any] = {}
     for name, values in columns.items():
         labels = getattr(values, "index", None)
-        if hasattr(values, "indexes"):  # xarray's
+        if hasattr(values, "indexes"):  # an array of xarray
             labels = values.indexes.get(*values.dims[:1])
         elif hasattr(values, "get_indexer"):  # an index of pandas is labelled by itself
             labels = values
@@ -263,12 +273,12 @@ def check_labels(columns: Mapping[str, Any]) -> None:
 
 
 def check_rtol(rtol: Any) -> float:
-    """The accuracy `rtol` [1] as a float.
+    """Return the accuracy `rtol` [1] as a float.
 
     Raises
     ------
     ParameterError
-        Outside 1e-13 to 1e-2.
+        If it is outside 1e-13 to 1e-2.
     """
     number = as_number("rtol", rtol)
     if not RTOL_RANGE[0] <= number <= RTOL_RANGE[1]:
@@ -277,12 +287,12 @@ def check_rtol(rtol: Any) -> float:
 
 
 def check_count(name: str, value: Any, most: int = MAX_COUNT) -> int:
-    """`value` as an int of at least 1 and at most `most`, for a number of periods or of workers.
+    """Return `value`, a number of periods or workers, for example, as an int from 1 to `most`.
 
     Raises
     ------
     ParameterError
-        If it is no whole number, or out of that range.
+        If it is no whole number, or outside that range.
     """
     if isinstance(value, bool | np.timedelta64) or not isinstance(value, Integral) or value < 1:
         raise ParameterError(f"{name} = {_shown(value)}: must be a whole number >= 1")
@@ -292,20 +302,20 @@ def check_count(name: str, value: Any, most: int = MAX_COUNT) -> int:
 
 
 def check_switch(name: str, value: Any) -> bool:
-    """`value` as a bool.
+    """Return `value` as a bool.
 
     Raises
     ------
     ParameterError
         If it is neither true nor false: a word such as "no" would count as true.
     """
-    if value is True or value is False or type(value).__name__ == "bool":  # that of numpy, too
+    if value is True or value is False or type(value).__name__ == "bool":  # the last is the type of numpy
         return bool(value)
     raise ParameterError(f"{name} = {_shown(value)}: must be True or False")
 
 
 def check_seconds(given: Any, name: str = "max_seconds") -> float | None:
-    """A bound on a time [s] as a float above 0, or None for none.
+    """Return a bound on a time [s] as a float above 0 and at most `MAX_SECONDS`; None, for no bound, stays None.
 
     Raises
     ------
@@ -321,12 +331,12 @@ def check_seconds(given: Any, name: str = "max_seconds") -> float | None:
 
 
 def read_text(path: Path) -> str:
-    """What is written in a file of a user's, without the mark that some editors begin it with.
+    """Return the text in a user's file, without the byte order mark that some editors write at its start.
 
     Raises
     ------
     ParameterError
-        If it cannot be read, or is no text.
+        If the file cannot be read, or is no text in UTF-8.
     """
     try:
         return path.read_text(encoding="utf-8-sig")
@@ -337,12 +347,12 @@ def read_text(path: Path) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """What a file of TOML says.
+    """Return the contents of a TOML file.
 
     Raises
     ------
     ParameterError
-        If it cannot be read, or is no TOML.
+        If the file cannot be read, or is no valid TOML.
     """
     text = read_text(path)
     try:

@@ -1,4 +1,4 @@
-"""The parameters of a dimer, its plate and its start: their rules, and one set of them or whole axes, checked."""
+"""Check the parameters of a dimer, its plate and its start: their rules, for one set of values or for whole axes."""
 
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -18,9 +18,9 @@ from dimersweep.symbols import BASE, ENDS, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS
 
 
 class Rule(NamedTuple):
-    """What one parameter must obey: from `least` to `most` it is allowed, in units of the `other` one if there is one.
+    """Rule for one parameter: the range of its allowed values, in units of the parameter `other` if there is one.
 
-    A rule for a parameter that each end may have of its own (`symbols.ENDS`) is one for the values of both ends.
+    A rule for a parameter that each end may have of its own (`symbols.ENDS`) holds for the values of both ends.
     """
 
     name: str
@@ -30,14 +30,17 @@ class Rule(NamedTuple):
     other: str = ""
 
     def holds(self, value: Any, unit: Any = 1.0) -> Any:
-        """Whether a value obeys it beside a value of the other parameter; for scalars, or arrays of one shape."""
+        """Return True where `value` obeys the rule; `unit` is the value of the other parameter.
+
+        Both are scalars, or arrays of one shape.
+        """
         above = value >= self.least * unit if self.least > -inf else value == value
         return above & (value <= self.most * unit) if self.most < inf else above
 
 
 TINY = nextafter(0.0, 1.0)  # the least number above 0
-ACUTE = nextafter(pi / 2, 0.0)  # the greatest angle below a right one
-# where one of them is not zero, the heading counts
+ACUTE = nextafter(pi / 2, 0.0)  # the greatest angle below a right angle
+# where one of these parameters is not zero, the motion depends on the heading
 NOT_LEVEL = ("tilt", *(intensity for wave in WAVES[1:] for intensity, _ in wave))
 NO_LESS = ">= {} = {} (stick friction is never below slip friction)"
 RULES = (
@@ -66,7 +69,7 @@ RULES = (
     Rule("tilt", 'in [0, pi/2) (radians; degrees as "2 deg")', 0, ACUTE),
     Rule("gap0", ">= 0 (the lower end would be below the plate)", 0),
 )
-# beyond these a value is most likely in another unit, such as millimetres or g/cm3
+# a value outside these ranges is most likely in another unit, such as millimetres or g/cm3: a warning says so
 USUAL = (
     Rule("r", "at most 0.1 m", most=0.1),
     Rule("A_r", "at most 100", most=100),
@@ -77,7 +80,7 @@ USUAL = (
 
 
 def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
-    """Check every combination of the values in `columns`, and warn of sizes that are not usual.
+    """Check every combination of the values in `columns`, and warn of unusual sizes.
 
     Parameters
     ----------
@@ -98,12 +101,15 @@ def check(columns: Mapping[str, Any], gaps: Collection[str] = ()) -> None:
 
 
 def broken(columns: Mapping[str, Any], rules: Iterable[Rule] = RULES, gaps: Collection[str] = ()) -> Iterator[str]:
-    """Yield a line for each of the rules that a value breaks; see `check`."""
+    """Yield a line for each of the `rules` that a value in `columns` breaks.
+
+    A rule that ties two parameters of `gaps` is not tested; see `check`.
+    """
     for rule, name, other in _rules_for(columns, rules):
         if {name, other} <= set(gaps):
             continue
         given, unit = columns[name], columns[other] if other else 1.0
-        # what obeys it against the worst value of the other one does so against all
+        # a value that obeys the rule beside the worst value of the other parameter obeys it beside all of them
         kept = rule.holds(given, (np.max if rule.most == inf else np.min)(unit) if other else unit)
         if np.all(kept):
             continue
@@ -117,7 +123,10 @@ def broken(columns: Mapping[str, Any], rules: Iterable[Rule] = RULES, gaps: Coll
 
 
 def _rules_for(columns: Collection[str], rules: Iterable[Rule] = RULES) -> Iterator[tuple[Rule, str, str]]:
-    """Each rule that checks some of the parameters in `columns`, with the names there of its two parameters at each end."""
+    """Yield each rule for parameters in `columns`, with the names there of its two parameters.
+
+    A rule comes once for each end that has a value of its own. Harmonics that `columns` does not have are skipped.
+    """
     for rule in rules:
         if rule.name in HIGHER and rule.name not in columns:
             continue
@@ -128,13 +137,13 @@ def _rules_for(columns: Collection[str], rules: Iterable[Rule] = RULES) -> Itera
 
 
 def _at_end(k: int, name: str, columns: Collection[str]) -> str:
-    """The name in `columns` of what a parameter is at p1 (k = 0) or p2 (k = 1)."""
+    """Return the name in `columns` that gives a parameter at p1 (k = 0) or p2 (k = 1): of that end, or of both."""
     own = ENDS[name][k] if name in ENDS else name
     return own if own in columns else name
 
 
 def keeps_rules(columns: Mapping[str, Any]) -> Any:
-    """Whether points keep the rules that tie two parameters, for scalars or columns of one shape (n,)."""
+    """Return True where points keep all rules that tie two parameters; scalars, or columns of one shape (n,)."""
     kept: Any = True
     for rule, name, other in _rules_for(columns):
         if other:
@@ -143,7 +152,7 @@ def keeps_rules(columns: Mapping[str, Any]) -> Any:
 
 
 def bounds(name: str, values: Mapping[str, float]) -> tuple[float, float]:
-    """The least and the greatest value that is allowed of a parameter beside the others."""
+    """Return the least and the greatest allowed value of a parameter beside the other values."""
     low, high = -inf, inf
     for rule, one, other in _rules_for({**values, name: value_of(name, values)}):
         if name == one:
@@ -158,12 +167,12 @@ def bounds(name: str, values: Mapping[str, float]) -> tuple[float, float]:
 
 
 def without_effect(names: Collection[str]) -> set[str]:
-    """Parameters that nothing uses where `names` are given: X, where X_1 and X_2 both are."""
+    """Return the parameters that nothing uses where `names` are given: X, where X_1 and X_2 both are."""
     return {name for name, ends in ENDS.items() if set(ends) <= set(names)}
 
 
 def check_effect(names: Iterable[str]) -> None:
-    """Refuse parameters of which one is without effect beside the others.
+    """Refuse parameters of which one has no effect beside the others.
 
     Raises
     ------
@@ -176,14 +185,14 @@ def check_effect(names: Iterable[str]) -> None:
 
 
 def updated(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters that are `known`, with those `given` in their place.
+    """Return the `known` parameters with those `given` in their place.
 
-    X takes the place of X_1 and X_2, and both of them that of X.
+    X takes the place of X_1 and X_2, and X_1 and X_2 together that of X.
 
     Raises
     ------
     ParameterError
-        As by `spelt_out`.
+        If `spelt_out` refuses what is given.
     """
     given = spelt_out(given, known)
     replaced = {end for name in given for end in ENDS.get(name, ())}
@@ -193,18 +202,20 @@ def updated(known: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any
 
 
 def spelt_out(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """Parameters as given, with those in the place of `harmonics` and of what is given instead of one (`symbols.INSTEAD`).
+    """Return parameters as given, with the parameters that `harmonics` and other stand-ins give in place of these.
+
+    Stand-ins are the quantities of `symbols.INSTEAD`: l, A_z and v_z.
 
     Parameters
     ----------
     given : mapping
     known : mapping, optional
-        Parameters that hold where they are not given, before those of the base case; None for those that vary.
+        Values that hold for parameters that are not given, in place of the base case; None for those that vary.
 
     Raises
     ------
     ParameterError
-        For a parameter that is given twice, for harmonics that are none, and for a value that is not allowed.
+        If a parameter is given twice, `harmonics` has another form, or a value is not allowed.
     """
     values = {name: value for name, value in given.items() if name not in STAND_INS}
     if given.get("harmonics") is not None:
@@ -236,14 +247,17 @@ def spelt_out(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) 
 
 
 def instead_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what may be given in place of parameters, from all of these: the inverse of `spelt_out`."""
+    """Return the quantities that may be given in place of parameters; the inverse of `spelt_out`."""
     omega = 2 * pi * values["f"]
     v_z = values["Gamma"] * values["g"] / omega
     return {"A_z": v_z / omega, "v_z": v_z, "l": (values["A_r"] - 1) * (values["r_1"] + values["r_2"])}
 
 
 def _spelt_harmonics(given: Any, beside: Collection[str]) -> dict[str, Any]:
-    """The parameters that harmonics stand for: a mapping of axes, a waveform, or a file of one."""
+    """Return the parameters that `harmonics` stands for: a mapping of axes, a waveform, or a file of one.
+
+    `beside` has the names of all that is given with it.
+    """
     waves = dict(zip(("z", "x", "y"), WAVES, strict=True))
     if isinstance(given, str | PathLike):
         path = Path(given)
@@ -273,9 +287,10 @@ def _spelt_harmonics(given: Any, beside: Collection[str]) -> dict[str, Any]:
 
 
 def moved_on(plate: Mapping[str, Any], by: Any) -> dict[str, Any]:
-    """Parameters, numbers or columns, whose plate starts later by an angle of its phase [rad].
+    """Return parameters, numbers or columns, whose plate starts later by the angle `by` of its phase [rad].
 
-    The phases along the plate count from the one along the normal, so they stay.
+    The phase of its harmonic k along the normal grows by k times that angle. The phases along the plate count from the
+    phase along the normal, so they stay.
     """
     moved = {
         phase: plate.get(phase, 0.0) + k * by
@@ -286,7 +301,10 @@ def moved_on(plate: Mapping[str, Any], by: Any) -> dict[str, Any]:
 
 
 def value_of(name: str, columns: Mapping[str, Any]) -> Any:
-    """The value or values of a parameter, which may be left out (`symbols.LEFT_OUT`), from those that `columns` gives."""
+    """Return the value or values of a parameter from `columns`.
+
+    A parameter that is left out has its value of `symbols.LEFT_OUT`; None if that depends on others that are not there.
+    """
     source = _source(name, columns)
     if not isinstance(source, str) or source in columns:
         return columns[source] if isinstance(source, str) else source
@@ -295,7 +313,10 @@ def value_of(name: str, columns: Mapping[str, Any]) -> Any:
 
 
 def _source(name: str, given: Collection[str]) -> str | float | None:
-    """The parameter in `given` that tells the value of one, the ratio of stiffnesses if both radii do, or a number."""
+    """Return where the value of a parameter comes from: a parameter in `given`, "k_ratio", a number, or None.
+
+    "k_ratio" stands for the ratio of stiffnesses that follows from both radii.
+    """
     if name in given or name == "k_ratio":
         return name
     both = next((both for both, ends in ENDS.items() if name in ends and both in given), None)
@@ -305,20 +326,26 @@ def _source(name: str, given: Collection[str]) -> str | float | None:
 
 @lru_cache
 def _sources(given: tuple[str, ...]) -> list[tuple[int, str | float | None]]:
-    """Slots of a kernel row, and where the value of each comes from if these parameters are given; all others are zero."""
+    """Return the slots of a kernel row with the source of each (`_source`) if the parameters `given` are given.
+
+    Slots of the value 0 are left out: a row is zero before it is filled.
+    """
     known = [(slot, _source(name, given)) for slot, name in enumerate(ROW) if name in given or name not in HIGHER]
     return [(slot, source) for slot, source in known if source != 0.0]
 
 
 def slots_of(name: str, given: Iterable[str]) -> list[int]:
-    """Slots of a kernel row that hold the value of one of the parameters given; none if others depend on it."""
+    """Return the slots of a kernel row that hold the value of the parameter `name`, one of those `given`.
+
+    There are none if other slots depend on it, as the ratio of stiffnesses does on the radii.
+    """
     sources = _sources(tuple(given))
     tied = any(source == "k_ratio" for _, source in sources) and name in ("r", *ENDS["r"]) and "k_ratio" not in given
     return [] if tied else [slot for slot, source in sources if source == name]
 
 
 def completed(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """`columns`, and after them each parameter that they do not give, with the value that it has beside them, if it has one.
+    """Return `columns`, and after them each other parameter that has a value beside them.
 
     Harmonics that hardly any plate has (`symbols.HIGHER`) are not added.
     """
@@ -327,7 +354,10 @@ def completed(columns: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def reduced(columns: Mapping[str, Any]) -> dict[str, Any]:
-    """`columns` without those that change nothing: what is as it would be if it were left out; the inverse of `completed`."""
+    """Return `columns` without the parameters that change nothing: without them the kernel row is the same.
+
+    It is the inverse of `completed`.
+    """
     kept, row = dict(columns), {slot: value_of(slot, columns) for slot in ROW}
     for name in (*LEFT_OUT, *ENDS):
         if name in kept:
@@ -339,11 +369,14 @@ def reduced(columns: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _same(one: Any, other: Any) -> bool:
+    """Return True if two values or columns are equal; None equals None alone."""
     return one is other or (one is not None and other is not None and bool(np.all(one == other)))
 
 
 def check_level(values: Mapping[str, float], wanted: str, instead: str = "") -> None:
-    """Refuse a plate on which the heading counts, for what leaves the heading out; `instead` ends the message.
+    """Refuse a plate on which the motion depends on the heading; `wanted` names the results that leave it out.
+
+    `instead` ends the message.
 
     Raises
     ------
@@ -360,7 +393,7 @@ def check_name(name: str) -> None:
     Raises
     ------
     ParameterError
-        With the names that are.
+        Naming the parameters that there are.
     """
     if name in INSTEAD:
         parameter, quantity = INSTEAD[name]
@@ -373,7 +406,7 @@ def check_name(name: str) -> None:
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Refuse names that are neither parameters of the model nor stand for some (`symbols.STAND_INS`).
+    """Refuse names that are neither parameters of the model nor stand in for some (`symbols.STAND_INS`).
 
     Raises
     ------
@@ -385,7 +418,7 @@ def check_names(names: Iterable[str]) -> None:
 
 
 def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
-    """Kernel rows from columns of validated parameters.
+    """Fill kernel rows from columns of checked parameters.
 
     Parameters
     ----------
@@ -406,18 +439,18 @@ def fill_rows(columns: Mapping[str, Any], n: int) -> np.ndarray:
 
 
 def dimer_from(values: Mapping[str, float]) -> Dimer:
-    """The kernel's dimer of validated parameters, those of `symbols.LEFT_OUT` where they are given."""
+    """Return the kernel's dimer of checked parameters; those of `symbols.LEFT_OUT` may be missing."""
     from dimersweep.kernel.model.body import dimer_of
 
     return dimer_of(fill_rows(values, 1)[0])
 
 
 class _BaseCase(float):
-    """The base case's value of a parameter that was not given."""
+    """Value of the base case, for a parameter that was not given."""
 
 
 def _left_out(name: str) -> float | None:
-    """The field of a parameter that is not given: a number, or None where other parameters tell it."""
+    """Return the value of a field that is not given: a number, or None where other parameters give it."""
     value = LEFT_OUT.get(name)
     return _BaseCase(BASE[name]) if name in BASE else None if isinstance(value, str) else value
 
@@ -427,37 +460,41 @@ _Fields: Any = make_dataclass("_Fields", _FIELDS, frozen=True, kw_only=True)
 
 
 class Parameters(_Fields):
-    """One dimer, its plate and its start, validated; the defaults are the paper's base case (Sect. 3).
+    """One dimer, its plate and its start, checked; the defaults are the paper's base case (Sect. 3).
 
     Parameters
     ----------
     e, e_1, e_2 : float
-        Energetic coefficients of restitution [1], in [0, 1]: `e` of both ends; `e_1`, `e_2`, where given, of end p1, p2. All
-        three are refused, and `e` is None where `e_1` and `e_2` are given. So it is with `r`, `rho_b`, `mu`, `mu_s`, `mu_h`.
+        Energetic coefficients of restitution [1], in [0, 1]: `e` of both ends; `e_1`, `e_2`, where given, of end p1,
+        p2. All three together are refused, and `e` is None where `e_1` and `e_2` are given. The same holds for `r`,
+        `rho_b`, `mu`, `mu_s`, `mu_h`.
     Gamma, f, phi0 : float
         Vibration intensity A_z omega^2/g [1], frequency [Hz] and phase at the start [rad] of the plate.
     Gamma_k, phi_k : float
-        Intensity A_k (k omega)^2/g [1] of the plate's harmonic A_k sin(k omega t + phi_k), and its phase [rad]; k is 2 to 16.
+        Intensity A_k (k omega)^2/g [1] of the plate's harmonic A_k sin(k omega t + phi_k), and its phase [rad]; k is 2
+        to 16.
     A_z, v_z : float, optional
         Amplitude [m] or greatest velocity [m s-1] of A_z sin(omega t + phi0), in place of `Gamma`.
     harmonics : mapping, Waveform or path-like, optional
-        The plate's motion along each axis: ``{"z": {1: (Gamma, phi0), 2: (Gamma_2, phi_2), ...}, "x": {1: (Gamma_x, phi_x)}}``.
-        An axis that is given has no other harmonics. A `Waveform`, or a file of one, tells `f`, too.
+        The plate's motion along each axis, such as
+        ``{"z": {1: (Gamma, phi0), 2: (Gamma_2, phi_2), ...}, "x": {1: (Gamma_x, phi_x)}}``.
+        An axis that is given has no other harmonics. A `Waveform`, or a file of one, gives `f`, too.
     A_r, r, D_r : float
         Aspect ratio (l + r_1 + r_2)/(r_1 + r_2) [1], at least 2; ball radius and rod diameter [m].
     l : float, optional
         Distance between the centres of the balls [m], in place of `A_r`.
     mu, mu_s, mu_h : float
-        Slip and stick friction coefficients [1]. `mu_h` holds an end in lasting contact, None for `mu_s`; `mu_s` then holds
-        it inside impacts only.
+        Slip and stick friction coefficients [1]. `mu_h` is the stick friction of a lasting contact, None for `mu_s`. If
+        it is given, `mu_s` counts inside impacts only.
     beta0, xdot0 : float
         Initial dip angle [rad], below pi/2 in size, and velocity of ball 1 along X in the room [m s-1]. Level is at
         sin(beta) = (r_2 - r_1)/l: a smaller dip angle puts p2 on the plate.
     theta0 : float
         Initial heading [rad], the angle of the axis from Y.
     ydot0, betadot0, thetadot0, gammadot0 : float
-        Initial velocity of ball 1 along Y in the room [m s-1], and rates of dip, precession and spinning angle [rad s-1].
-        With `xdot0` they are the first derivatives of the paper's coordinates; that of z1, the height of ball 1, is zero.
+        Initial velocity of ball 1 along Y in the room [m s-1], and rates of dip, precession and spinning angle, each
+        [rad s-1]. With `xdot0` they are the first derivatives of the paper's coordinates. The derivative of z1, the
+        height of ball 1, is zero.
     gap0 : float
         Initial height of the lower end's contact point over the plate [m], not negative.
     eta, k_ratio : float
@@ -497,18 +534,19 @@ class Parameters(_Fields):
         check(self.given())
 
     def given(self) -> dict[str, float]:
-        """The parameters that have a value of their own: all, less the optional ones (`symbols.LEFT_OUT`) left out or zero.
+        """Return the parameters that have a value of their own.
 
-        X is not among them where X_1 and X_2 are given.
+        Missing are optional parameters (`symbols.LEFT_OUT`) that are left out or have their default. X is missing, too,
+        where X_1 and X_2 are given.
         """
         values = self._values()
         return {name: value for name, value in values.items() if value is not None and value != LEFT_OUT.get(name)}
 
     def _values(self) -> dict[str, Any]:
-        """Those of all fields, less harmonics that were not given."""
+        """Return the values of all fields by name, without harmonics that were not given."""
         every = ((name, getattr(self, name)) for name in PARAMETERS)
         return {name: value for name, value in every if name not in HIGHER or value is not LEFT_OUT[name]}
 
     def row(self) -> np.ndarray:
-        """The kernel's flat row, shape (N_ROW,), float64, in the order of ``kernel.layout.ROW``."""
+        """Return the kernel's row, shape (N_ROW,), float64, in the order of ``kernel.layout.ROW``."""
         return fill_rows(self.given(), 1)[0]

@@ -1,4 +1,4 @@
-"""The words of the package: every parameter and every quantity that comes out, with its unit and its meaning."""
+"""Words of the package: every parameter and every quantity of its results, with its unit and its meaning."""
 
 from collections.abc import Collection, Mapping
 from math import degrees, inf, isclose, pi
@@ -35,7 +35,7 @@ BASE = {
 
 
 def _of_ends(name: str, units: str, meaning: str) -> dict[str, Quantity]:
-    """The same quantity of each end, whose number stands in its name and its meaning."""
+    """Return one quantity for each end, with the number of the end in its name and its meaning."""
     return {name.format(end): Quantity(units, meaning.format(end)) for end in (1, 2)}
 
 
@@ -89,11 +89,12 @@ for _wave, _way in zip(WAVES, ("its normal", "its axis X", "its axis Y"), strict
             _intensity, Quantity("1", f"intensity of {_said}, its amplitude times ({_k} omega)^2 / g")
         )
         PARAMETERS.setdefault(_phase, Quantity("rad", f"phase of {_said}"))
-# parameters that the two ends may have each of their own: X is the value of both, X_1 and X_2, where given, are those of p1, p2
+# parameters that may differ from end to end: X is the value of both ends; X_1 and X_2, where given, are those of p1 and
+# p2
 ENDS = {name: (f"{name}_1", f"{name}_2") for name in PARAMETERS if f"{name}_1" in PARAMETERS}
-# parameters of the start but for the plate's phase: a run that is given a state to start from takes none of them
+# parameters of the start but for the plate's phase: a run that starts from a given state takes none of them
 START = START_ROW
-# how the run of a point of a cube was made, besides its parameters
+# settings of the run of a point of a cube
 SETTINGS = {
     "periods": Quantity("1", "forcing periods that the run was given", 1),
     "max_periods": Quantity(
@@ -104,28 +105,29 @@ SETTINGS = {
         "1", "whether the run ended as soon as its motion had settled: 1 if so, else 0", 0, 1
     ),
     "kernel": Quantity("1", "version of the kernel, as a number"),
-    "line": Quantity("1", "checksum of the values along which a state was carried to the run"),  # where one was
+    # only in cubes whose state was carried
+    "line": Quantity("1", "checksum of the values along which a state was carried to the run"),
 }
-# what may be given in place of a parameter: that parameter, and what it is
+# quantities that may be given in place of a parameter: the parameter, and the unit and meaning of the quantity
 INSTEAD = {
     "l": ("A_r", Quantity("m", "distance between the centres of the balls, in place of A_r")),
     "A_z": ("Gamma", Quantity("m", "amplitude of the plate, in place of Gamma")),
     "v_z": ("Gamma", Quantity("m s-1", "greatest velocity of the plate, in place of Gamma")),
 }
 GIVEN = PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}
-STAND_INS = (*INSTEAD, "harmonics")  # all that is given in place of parameters
-# what the parameters that may be left out are then: the value of another parameter, or a number
+STAND_INS = (*INSTEAD, "harmonics")  # names of everything that may be given in place of parameters
+# parameters that may be left out: the parameter whose value they have then, or a number
 LEFT_OUT: dict[str, str | float] = {
     **{f"{name}_{end}": name for name in ("e", "r", "rho_b", "mu", "mu_s") for end in (1, 2)},
     "mu_h": "mu_s",
-    "mu_h_1": "mu_s_1",  # unless mu_h is given, as for every X_1
+    "mu_h_1": "mu_s_1",  # unless mu_h is given: X comes before LEFT_OUT for every X_1
     "mu_h_2": "mu_s_2",
-    "eta": 1.5,  # Hertz's law, in which the stiffness goes with the root of the radius
+    "eta": 1.5,  # Hertz's law; its stiffness is proportional to the root of the radius, hence `k_ratio`
     "k_ratio": "sqrt(r_2/r_1)",
     **dict.fromkeys(("tilt", "azimuth", "theta0", "ydot0", "betadot0", "thetadot0", "gammadot0", "gap0"), 0.0),
     **{name: 0.0 for wave in WAVES for harmonic in wave for name in harmonic if name not in BASE},
 }
-# how the parameters are written, in TeX and in plain letters, where their names do not tell
+# symbols of parameters, in TeX and in plain letters, where `symbol` cannot derive them from the names
 SYMBOLS = {
     "beta0": (r"\beta(0)", "β(0)"),
     "xdot0": (r"\dot{x}_1(0)", "ẋ(0)"),
@@ -141,11 +143,11 @@ SYMBOLS = {
     "gap0": (r"\delta(0)", "δ(0)"),
 }
 GREEK = {"Gamma": "Γ", "mu": "μ", "rho": "ρ", "phi": "φ", "eta": "η"}
-CAPTION = ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0")  # what the paper's captions give
+CAPTION = ("xdot0", "A_r", "e", "Gamma", "f", "mu", "mu_s", "beta0")  # parameters in the captions of the paper
 
 
 def symbol(name: str, *, tex: bool = False) -> str:
-    """How a parameter is written; that of one end has the number of the end as its index."""
+    """Return the symbol of a parameter; a parameter of one end has the number of the end as its index."""
     end = name[-1] if any(name in ends for ends in ENDS.values()) else ""
     both = name.removesuffix(f"_{end}")
     letter, _, below = both.partition("_")
@@ -160,39 +162,42 @@ def symbol(name: str, *, tex: bool = False) -> str:
 
 
 def units_shown(units: str) -> str:
-    """A unit as it is shown, such as rad/s of rad s-1."""
+    """Return a unit as it is shown, such as rad/s for rad s-1; "" if there is none."""
     return "" if units == "1" else units.replace(" s-1", "/s").replace(" s-2", "/s²").replace(" m-3", "/m³")
 
 
 def units_of(name: str) -> str:
-    """Unit that values of what is given are shown in: degrees for an angle, empty if it has none."""
+    """Return the unit in which values of a parameter are shown, or "" if there is none.
+
+    It is degrees for an angle, and mm for A_z and l.
+    """
     return "°" if is_angle(name) else "mm" if name in ("A_z", "l") else units_shown(GIVEN[name].units)
 
 
 def is_angle(name: str) -> bool:
-    """Whether a name is that of a parameter that is an angle, which is kept in radians and shown in degrees."""
+    """Return True if `name` is a parameter that is an angle: its value is in radians, and shown in degrees."""
     return name in PARAMETERS and PARAMETERS[name].units == "rad"
 
 
 def value_shown(name: str, value: float) -> str:
-    """A value of a parameter with its unit, such as 15 Hz or 16°."""
+    """Return a value of a parameter with its unit, such as 15 Hz or 16°."""
     return f"{degrees(value):.4g}°" if is_angle(name) else f"{value:.4g} {units_of(name)}".rstrip()
 
 
 def given(name: str, value: float, *, tex: bool = False) -> str:
-    """A parameter and its value, such as f = 15 Hz."""
+    """Return a parameter with its value, such as f = 15 Hz."""
     return f"{symbol(name, tex=tex)} = {value_shown(name, value)}"
 
 
 def stated(values: Mapping[str, float], varied: Collection[str] = ()) -> dict[str, float]:
-    """The parameters that hold: the value of both ends where these are alike, else that of each end.
+    """Return the parameters that hold: the value of both ends where the ends are alike, else the value of each end.
 
     Parameters
     ----------
     values : mapping of str to float
         Parameters by name; those of `LEFT_OUT` may be missing.
     varied : collection of str
-        Parameters that have no one value, and are left out.
+        Parameters that have several values; they are left out.
     """
     held = {name: values[name] for name in PARAMETERS if name in values and name not in varied}
     for both, ends in ENDS.items():
@@ -208,16 +213,18 @@ def stated(values: Mapping[str, float], varied: Collection[str] = ()) -> dict[st
 def conditions(
     values: Mapping[str, float], varied: Collection[str] = (), always: Collection[str] = CAPTION, *, tex: bool = False
 ) -> str:
-    """The conditions of a run or of a cube, such as "e = 0.6, f = 15 Hz", to be broken between parameters only.
+    """Return the conditions of a run or of a cube, such as "e = 0.6, f = 15 Hz".
+
+    Spaces within a parameter do not break, so that lines break between parameters only.
 
     Parameters
     ----------
     values, varied
-        As in `stated`.
+        See `stated`.
     always : collection of str
-        Parameters that are named even with the value of the base case; any other value is named always.
+        Parameters that are named even with the value of the base case. Others are named where they differ from it.
     tex : bool
-        Whether symbols are in TeX, else in plain letters.
+        True for symbols in TeX, False for plain letters.
     """
     held = stated(values, varied)
 
@@ -231,8 +238,9 @@ def conditions(
     return ", ".join(given(name, held[name], tex=tex).replace(" ", "\N{NO-BREAK SPACE}") for name in shown)
 
 
-ORBIT_NAMES = OUT[:N_ORBIT]  # numbers of an orbit, each with its change per forcing period
-# every variable of a cube besides its axes: columns of the kernel, and what studies add
+# numbers of an orbit; each has a change per forcing period, too
+ORBIT_NAMES = OUT[:N_ORBIT]
+# every variable of a cube besides its axes: columns of the kernel, and quantities that studies add
 QUANTITIES = {
     **CODE_COLUMNS,
     **ORBIT_COLUMNS,
@@ -248,7 +256,7 @@ QUANTITIES = {
         "s", "time in which what is off that spin falls by a factor of 2.718, or once round a cycle"
     ),
     "observer_error": Quantity("1", "why an observer of one's own gave nothing at this point"),
-    # of a search
+    # variables of a search or a refined map
     "answer": Quantity("1", "answer to the question of the search"),
     "region": Quantity("1", "mode asked for where the answer is yes, else the one mode of all runs"),
     "outcome": Quantity("1", "mode of motion that runs led to"),
@@ -260,7 +268,7 @@ QUANTITIES = {
     "made_with": Quantity("1", "checksum of the parameters and settings that all runs of the cube were made with", 0),
 }
 
-# what each mode of motion means; a backtick stands around what is a name
+# meaning of each mode of motion; names of quantities stand in backticks
 MODE_MEANINGS = {
     "not_run": "the point has not been run",
     "failed": "the run could not be finished, or the `max_seconds` that it was given were up; `status` says which",
@@ -275,7 +283,7 @@ MODE_MEANINGS = {
     "slides": "both ends stay on the plate, and one or both slip; `speed` is that at the end",
 }
 
-# what the other words of a verdict mean: how the double impact of a drift ends, and what a settled motion draws on the plate
+# meanings of the other words of a verdict: the end of the double impact of a drift, and the track of a settled motion
 DI_END_MEANINGS = {
     "none": "there was no double impact, or the mode is not drift",
     "sp_sp": "both ends slip when the double impact ends",
@@ -294,9 +302,9 @@ TRACK_MEANINGS = {
     "than a right angle from one period to the next",
     "reversals": "the heading turned back by more than 0.1 rad, without a cusp, and has made no whole turn since",
 }
-MOTIONS_PAGE = "docs/motions.md"  # which says more of each of these words
+MOTIONS_PAGE = "docs/motions.md"  # page that explains the modes of motion
 
-# what a recorded run gives of each event, and of each moment
+# quantities of each event of a recorded run, and below of its state at any time
 EVENT_QUANTITIES = {
     "time": Quantity("s", "time since the start", 0),
     "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)", 0, 2 * pi),
@@ -338,9 +346,10 @@ STATE_QUANTITIES = {
     "plate": Quantity("m", "height of the plate over its mean"),
     "contact_state": Quantity("1", "contact state (Table 1 of the paper)"),
 }
-# names that two of these had before `spin` was the axial one everywhere, gamma' + theta' sin(beta)
+# former names of two of these, in files of earlier versions: `spin` is now the axial spin gamma' + theta' sin(beta)
+# everywhere
 FORMER_NAMES = {"spin": "gamma", "spin_rate": "gamma_rate"}
-# with each moment of a run come its energy in the room, and the forces of the plate on both ends
+# energy of a run in the room at any time, and the forces of the plate on both ends
 FORCES = {
     "kinetic_energy": Quantity("J", "kinetic energy in the room", 0),
     "potential_energy": Quantity("J", "potential energy, zero with the centre of mass at the origin of the room"),
@@ -351,7 +360,7 @@ FORCES = {
     ),
     **_of_ends("lateral_force_{}", "N", "friction on p{} across the axis p1-p2"),
 }
-# the terms of the energy budget, in the order of the kernel's works; what takes energy is below zero
+# terms of the energy budget, in the order of the kernel's works; works that take energy from the dimer are negative
 WORKS = {
     **_of_ends("plate_{}", "J", "work of the moving plate by its normal force on p{}"),
     "plate_along": Quantity("J", "work of the plate's motion along itself, by friction on both ends"),
