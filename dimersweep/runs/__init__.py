@@ -1,4 +1,4 @@
-"""One run: its outcome, its record, its errors, its stability."""
+"""Make one run: its start, its outcome, its record, its errors, its stability, its file."""
 
 from dimersweep.faces import reachable
 

@@ -1,4 +1,4 @@
-"""What a result can do: ``cube.dimersweep.run(f=15, beta0="16 deg")``, ``branch.dimersweep.plot()``, ``.to_dataframe()``."""
+"""Add methods to datasets as ``data.dimersweep``: ``cube.dimersweep.run(f=15)`` or ``branch.dimersweep.plot()``."""
 
 import warnings
 from os import PathLike
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
-    """The part of a cube at a number along a dimension without values, such as ``point=7``."""
+    """Return the part of a cube at a number along a dimension without values, such as ``point=7``."""
     n = cube.sizes[name]
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or not 0 <= value < n:
         raise ParameterError(f"{name} = {value!r}: must be a whole number from 0 to {n - 1}")
@@ -39,7 +39,10 @@ def _numbered(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
 
 
 def is_of_this_kernel(kernel: float, what: str) -> bool:
-    """Whether a cube was made by this kernel, whose number it tells; if not, warn of runs that are made again."""
+    """Return True if a cube was made by this version of the kernel; else warn that `what` follows, and return False.
+
+    `kernel` is the number of the cube's kernel (`cubes.cube.number_of`).
+    """
     if same_number(kernel, number_of(kernel_version())):
         return True
     warnings.warn(f"the cube was made by another version of the kernel; {what}", RuntimeWarning, stacklevel=3)
@@ -47,7 +50,7 @@ def is_of_this_kernel(kernel: float, what: str) -> bool:
 
 
 def _check_same(run: Run, point: xr.Dataset) -> None:
-    """Refuse a run that is not the one that a point tells of, whatever changed the point."""
+    """Refuse a run whose numbers are not those that the cube has at its point: then something changed the point."""
     for name in ("n_periods", "n_events"):
         told, found = point[name].values.item() if name in point else None, getattr(run, name)
         if told not in (None, found):
@@ -55,7 +58,7 @@ def _check_same(run: Run, point: xr.Dataset) -> None:
 
 
 class DatasetAccessor:
-    """A cube of `sweep`, `search` or `refine`, as ``cube.dimersweep``; or a table: attractors, a branch, borders, events.
+    """Methods of a cube of `sweep`, `search` or `refine`, or of a table such as a branch, as ``data.dimersweep``.
 
     Parameters
     ----------
@@ -64,7 +67,7 @@ class DatasetAccessor:
     Raises
     ------
     ParameterError
-        If a table is asked for what cubes alone have.
+        If the data are a table, and a method is for cubes alone.
     """
 
     def __init__(self, data: xr.Dataset) -> None:
@@ -72,12 +75,13 @@ class DatasetAccessor:
 
     @property
     def is_cube(self) -> bool:
-        """Whether it is a cube, and no table."""
+        """True if the data are a cube, False if they are a table."""
         data = self._data
         return "mode" in data and "flag_meanings" in data["mode"].attrs and "attractor" not in data.variables
 
     @property
     def _cube(self) -> xr.Dataset:
+        """The data, if they are a cube; else a `ParameterError` is raised."""
         if not self.is_cube:
             raise ParameterError("dimersweep: the dataset is no cube of dimersweep (it has no modes)")
         return self._data
@@ -97,10 +101,11 @@ class DatasetAccessor:
         return cube_table(self._cube) if self.is_cube else self._data._repr_html_()
 
     def to_dataframe(self) -> "pd.DataFrame":
-        """The data as a table of pandas with one row a point, and words in place of codes.
+        """Return the data as a table of pandas with one row a point, and words in place of codes.
 
-        What a point has along a dimension of its own is in columns such as `multipliers_real_0`. Fixed parameters are left
-        out, and what lies along other dimensions, as the meetings of borders do; points are where the first variable is.
+        Values along a dimension of its own become columns, such as `multipliers_real_0`. The dimensions of the first
+        variable are those of the points: variables that lie along others alone, such as the meetings of borders, are
+        left out. So are fixed parameters.
         """
         data = names(self._data)
         dims = next(iter(data.data_vars.values())).dims
@@ -117,38 +122,38 @@ class DatasetAccessor:
         return table.drop_vars(fixed).to_dataframe(dim_order=list(dims))
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
-        """Write the data as the NetCDF file `path`, for other programs, too; see docs/cubes.md.
+        """Write the data to the NetCDF file `path`, which other programs can read, too; see docs/cubes.md.
 
         Raises
         ------
         ParameterError, StoreError
-            If it has another ending, exists already and `force` is not given, or cannot be written.
+            If `path` has another ending, exists already while `force` is not given, or cannot be written.
         """
         path = check_output(path, force=force, name="path", what="a dataset", endings=TABLES)
         write_cube(self._data, path, force=force)
         return path
 
     def drifts(self) -> xr.DataArray:
-        """Which points drift, bool, over the axes of the cube."""
+        """Return a mask of the points that drift, bool, over the axes of the cube."""
         return (self._cube["mode"] == M_DRIFT).drop_attrs().rename("drifts")
 
     def modes(self) -> xr.DataArray:
-        """The words of the modes, over the axes of the cube."""
+        """Return the words of the modes, over the axes of the cube."""
         return names(self._cube["mode"])
 
     def at(self, **where: Any) -> xr.Dataset:
-        """The point of the cube that is nearest to values of its axes.
+        """Return the point of the cube that is nearest to values of its axes.
 
         Parameters
         ----------
         **where : float or str
-            Axes and values, such as ``f=15, beta0="16 deg"``; ``direction="down"`` where a state was carried; or
-            ``point=7``, its number, of points that are no grid.
+            Axes and values, such as ``f=15, beta0="16 deg"``, or ``direction="down"`` where a state was carried. A cube
+            of single points takes the number of the point, such as ``point=7``.
 
         Raises
         ------
         ParameterError
-            If a name is no axis, a value lies beyond it, or an axis of several values has none.
+            If a name is no axis, a value lies beyond its axis, or no value is given for an axis of several.
         """
         axes = {str(name): n for name, n in self._cube["mode"].sizes.items()}
         picked = self._cube
@@ -163,19 +168,20 @@ class DatasetAccessor:
         return picked.squeeze(dim=[name for name in axes if name in picked["mode"].dims])
 
     def run(self, *, periods: int | None = None, record: bool = True, **where: Any) -> Run:
-        """The run behind a point: the one nearest to values of the axes; of a search, the one that decided.
+        """Make the run behind a point again; the point is the nearest one to values of the axes.
 
-        It is the same run, bit for bit: one that had not settled after the `periods` of the cube was made anew, twice as long,
-        up to `max_periods`. Where a state was carried to it, the runs before it on its line are made first.
+        Of a search it is the run that decided at the point. It is the same run, bit for bit. A run that had not settled
+        after the `periods` of the cube was made anew, twice as long, up to `max_periods`. Where a state was carried to
+        the point, the runs before it on its line are made first.
 
         Parameters
         ----------
         periods : int, optional
-            Forcing periods, in place of those of the cube: then the run does not stop when it has settled.
+            Forcing periods, in place of those of the cube. If given, the run does not stop when it has settled.
         record : bool
-            As in `simulate`.
+            True to record events and states, as in `simulate`.
         **where : float or str
-            See `at`.
+            Axes and values, see `at`.
 
         Returns
         -------
@@ -184,7 +190,7 @@ class DatasetAccessor:
         Raises
         ------
         ParameterError
-            If that is not one point, or a search has found no run there.
+            If `where` does not give one point, or a search has found no run there.
         """
         point = self.at(**where)
         made = behind(point)
@@ -207,18 +213,18 @@ class DatasetAccessor:
         force: bool = False,
         **look: "Unpack[Look]",
     ) -> "Figure":
-        """Draw a cube, attractors, or a branch, borders or a family of `orbits`, and write it to `path` if one is given.
+        """Draw a cube, attractors, or a branch, borders or a family of `orbits`; write the picture to `path` if given.
 
         Parameters
         ----------
         kind : str, optional
-            Such as mode_map; by default the one that the cube was declared for. A table has one kind of picture.
+            Kind of picture, such as mode_map; by default the kind that the cube was declared for. A table has one.
         path : path-like, optional
-            Picture to write.
+            File of the picture.
         quantity : str, optional
             A variable of the cube, to be drawn over its axes.
         force : bool
-            Whether `path` may be replaced.
+            True if an existing file at `path` may be replaced.
         **look : see `dimersweep.plots.Look`
 
         Raises

@@ -1,4 +1,4 @@
-"""What made a point of a cube: its parameters and how its run was made, or what the point has lost of these."""
+"""Find the parameters and settings of the run behind a point of a cube, or say which of them the point has lost."""
 
 import json
 from typing import Any, NamedTuple
@@ -19,19 +19,19 @@ LOST_HERE = f"the point has lost it (where it was dropped, renamed, or put toget
 
 
 class Behind(NamedTuple):
-    """What made a point of a cube.
+    """Parameters and settings from which a point of a cube was made.
 
     Attributes
     ----------
     parameters : dict of str to float
-        Of its run.
+        Parameters of the run.
     how : RunSettings
     kernel : float
-        See `number_of`.
+        Number of the version of the kernel, see `number_of`.
     line : Grid or None
-        Where a state was carried to it: that line, in the order of its runs.
+        Line along which a state was carried to the point, in the order of its runs; None if no state was carried.
     place : int
-        Of the point on it.
+        Number of the point on `line`.
     """
 
     parameters: dict[str, float]
@@ -42,12 +42,12 @@ class Behind(NamedTuple):
 
 
 def behind(point: xr.Dataset) -> Behind:
-    """What made one point of a cube.
+    """Return the parameters and settings from which one point of a cube was made.
 
     Raises
     ------
     ParameterError
-        If it is not one point, has lost some of what made it, or has no run.
+        If `point` is not one point, has lost a parameter or a setting, or has no run.
     """
     told, parameters = _settings_of(point), _parameters_at(point)
     how = RunSettings(
@@ -58,20 +58,20 @@ def behind(point: xr.Dataset) -> Behind:
 
 
 def parameters_of(point: xr.Dataset) -> dict[str, float]:
-    """The parameters of the run behind one point of a cube, without those that are as they would be if left out.
+    """Return the parameters of the run behind one point of a cube, without parameters that change nothing (`reduced`).
 
     Raises
     ------
     ParameterError
-        See `behind`.
+        If `point` is not one point, or has lost a parameter.
     """
     return _reduced(_parameters_at(point))
 
 
 def _reduced(told: dict[str, float]) -> dict[str, float]:
-    """Return parameters without those that follow from others; raise `ParameterError` if one of these says another thing."""
+    """Return parameters without those that follow from others; raise `ParameterError` if one contradicts the others."""
     kept: dict[str, float] = reduced(told)
-    # beside unlike ends the value of both stands for nothing
+    # where the ends differ, the value of both ends is used by nothing, and may be anything
     unlike = {name for name in without_effect(kept) if len({kept[end] for end in ENDS[name]}) > 1}
     for name, value in told.items():
         if name not in unlike and {value_of(each, kept) for each in ENDS.get(name, (name,))} != {value}:
@@ -80,11 +80,11 @@ def _reduced(told: dict[str, float]) -> dict[str, float]:
 
 
 def _parameters_at(point: xr.Dataset) -> dict[str, float]:
-    """All parameters that a point tells."""
+    """Return all parameters that a point has; raise `ParameterError` if one was lost or comes from another cube."""
     told = {name: _value(point, name) for name in PARAMETERS if name in point.variables}
     if _tells_all(point):
         lost = [name for name in ROW if name not in told and name not in HIGHER]
-    else:  # a cube of an earlier version tells those alone that were given
+    else:  # a cube of an earlier version has only the parameters that were given
         known = _configuration(point)
         given = {*known.get("grid", {}), *known.get("points", {}), *known.get("fixed", {})} - {"direction"}
         given |= {known["search"]["axis"]} if "search" in known else set()
@@ -103,21 +103,27 @@ def _parameters_at(point: xr.Dataset) -> dict[str, float]:
 
 
 def was_carried(point: xr.Dataset) -> bool:
-    """Whether a state was carried to a point of a cube."""
+    """Return True if a state was carried to a point of a cube."""
     return bool({"direction", "line"} & {*point.variables}) or "direction" in _configuration(point).get("grid", {})
 
 
 def _tells_all(point: xr.Dataset) -> bool:
-    return bool({*SETTINGS} - {"periods"} & {*point.variables})  # of attractors, those of the motion
+    """Return True if a point has the settings of its run, as points of this version have."""
+    # `periods` does not count: a table of attractors has the periods of the motion by that name
+    return bool({*SETTINGS} - {"periods"} & {*point.variables})
 
 
 def _configuration(point: xr.Dataset) -> dict[str, Any]:
-    """What the attributes tell of a cube that was made so; none of a point of cubes that were put together, for certain."""
+    """Return the configuration in the attributes of a cube, {} if there is none.
+
+    It need not be that of a point in a cube that was put together from several.
+    """
     known: dict[str, Any] = json.loads(point.attrs.get("configuration", "{}"))
     return known
 
 
 def _value(point: xr.Dataset, name: str) -> float:
+    """Return the one value of a coordinate or variable of a point; raise `ParameterError` if it has several, or NaN."""
     values = point.variables[name].values
     if values.size != 1:
         raise ParameterError(f"{name}: has {values.size} values; give one point, such as cube.sel({name}=...)")
@@ -130,7 +136,7 @@ def _value(point: xr.Dataset, name: str) -> float:
 
 
 def _settings_of(point: xr.Dataset) -> dict[str, float]:
-    """How the run of a point was made, by the names of `SETTINGS`."""
+    """Return the settings of the run of a point, by the names of `SETTINGS`."""
     if not _tells_all(point):
         try:
             return settings_in(_configuration(point))
@@ -143,7 +149,10 @@ def _settings_of(point: xr.Dataset) -> dict[str, float]:
 
 
 def _line_of(point: xr.Dataset, parameters: dict[str, float], number: float) -> tuple[Grid, int]:
-    """The line along which a state was carried to a point, and its place there."""
+    """Return the line along which a state was carried to a point, and the place of the point on it.
+
+    `number` is the `line` of the point; the line that the configuration describes must have the same.
+    """
     if "direction" not in point.variables:
         raise ParameterError(f"direction: {LOST_HERE}")
     known = _configuration(point)

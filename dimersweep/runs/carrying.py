@@ -1,4 +1,4 @@
-"""Runs in a line that carry their state on: each starts from the state that the one before it has ended in."""
+"""Make runs in a line that carry their state on: each starts from the state in which the run before it has ended."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
@@ -21,10 +21,11 @@ def carried(
     *,
     record: bool = False,
 ) -> Iterator[Solved]:
-    """Make runs one after the other; the first starts as its parameters say, or from `start`.
+    """Make runs one after the other, each from the end of the run before.
 
-    The state is that relative to the plate at the end of the last forcing period, so that it goes on without a jump in its
-    phase. A run that has not settled is made anew from its own start for twice as many periods, up to `how.max_periods`.
+    The first one starts from `start`, or as its parameters say. The carried state is relative to the plate at the end
+    of the last forcing period, so that its phase does not jump. A run that has not settled is made anew from its own
+    start for twice as many periods, up to `how.max_periods`.
 
     Parameters
     ----------
@@ -32,12 +33,13 @@ def carried(
         Parameters of each run, in the order in which they are made.
     how : RunSettings
     space : Workspace
-        Scratch arrays, which the caller may use between two runs; if they are stopped, no more runs come.
+        Scratch arrays, which the caller may use between two runs. If they are stopped, the iteration ends.
     start : ndarray, shape (1, N_START), optional
+        State of the first run; by default its parameters give the start.
     before : ndarray, shape (N_ROW,), optional
-        Parameters that `start` comes from.
+        Parameters of the dimer that `start` is a state of.
     record : bool
-        Whether their events and states are recorded.
+        True to record events and states.
 
     Yields
     ------
@@ -61,7 +63,7 @@ def run_in_line(
     before: Sequence[np.ndarray] | np.ndarray = (),
     how_before: RunSettings | None = None,
 ) -> Run:
-    """The run of a point of a sweep, bit for bit; it may carry on the state of the runs `before` it on a line.
+    """Make the run of a point of a sweep, bit for bit, after the runs `before` it on a line whose state it carries on.
 
     Parameters
     ----------
@@ -69,9 +71,9 @@ def run_in_line(
     how : RunSettings
     record : bool
     before : sequence of ndarray, shape (N_ROW,)
-        Parameters of those, in their order; if there are none, it starts as its own say.
+        Parameters of the runs before it, in their order. If there are none, the run starts from its own parameters.
     how_before : RunSettings, optional
-        Of those, where it is another one.
+        Settings of the runs before it, if they differ from `how`.
 
     Returns
     -------

@@ -1,7 +1,7 @@
-"""The energy budget of a recorded run.
+"""Compute the energy budget of a recorded run.
 
-All energies are those in the room, in which the plate moves. The budget sets the change of the energy, which follows from the
-states alone, beside the works of the forces, which ride along with the run (``kernel.energy``).
+All energies are those in the room, in which the plate moves. The change of the energy follows from the states alone;
+the works of the forces are integrated with the run (``kernel.energy``). The budget sets one beside the other.
 """
 
 from typing import Literal, get_args
@@ -23,12 +23,13 @@ from dimersweep.runs.solving import with_works
 from dimersweep.symbols import EVENT_QUANTITIES, WORKS
 
 By = Literal["period", "event"]
-NO_FLOW = 100 * np.finfo(float).eps  # share of the energy below which nothing is said to flow
-BETWEEN = "motion"  # cause of a row that is no impact
+# share of the energy below which no work flows: works as small as this are round-off, and so would be their `closure`
+NO_FLOW = 100 * np.finfo(float).eps
+BETWEEN = "motion"  # cause of a row that is a smooth phase, and no impact
 
 
 def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
-    """The energy budget of a run, which is made once more for its works; see `Run.energy`."""
+    """Return the energy budget of a run, see `Run.energy`. The run is made once more, with the works of its forces."""
     if by not in get_args(By):
         raise ParameterError(f"by = {by!r}: must be one of {', '.join(get_args(By))}")
     record, book = with_works(record, space)
@@ -41,7 +42,7 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
 
     rows = np.flatnonzero(struck.any(1))
     jumps = book.leads[rows]
-    last = np.append(np.diff(jumps) > 0, True)[: len(rows)]  # row of an impact
+    last = np.append(np.diff(jumps) > 0, True)[: len(rows)]  # True for the last row of each impact
     jumped = at_starts[1:] - at_ends
     np.subtract.at(jumped, jumps - 1, struck[rows].sum(1))
     moved = at_ends - at_starts[:-1] - smooth.sum(1)
@@ -67,7 +68,7 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
     }
     if by == "period":
         count = int(segments[-1, PERIOD])
-        sums = np.zeros((count + 1, works.shape[1] + 1))  # the last one of what is beyond
+        sums = np.zeros((count + 1, works.shape[1] + 1))  # the last row sums what lies beyond the last whole period
         np.add.at(sums, np.minimum(periods, count), np.column_stack([works, residual]))
         works, residual = sums[:-1, :-1], sums[:-1, -1]
         energy, labels, dim = at_starts[np.searchsorted(segments[:, PERIOD], np.arange(1, count + 1))], {}, "n"
@@ -88,9 +89,10 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
 
 
 def _greatest_way(smooth: np.ndarray, flows: np.ndarray, struck: np.ndarray) -> float:
-    """The greatest work of one term in one way, to the dimer or from it [J].
+    """Return the greatest work of one term in one direction, to the dimer or from it [J].
 
-    A plate that carries the dimer up and down again gives and takes much, although nothing is left of it after a period.
+    A plate that carries the dimer up and down again gives and takes much work, although little is left of it after a
+    period.
     """
     net = np.abs(smooth.sum(0) + struck.sum(0))
     return float(np.max(0.5 * (flows.sum(0) + np.abs(struck).sum(0) + net)))

@@ -1,6 +1,6 @@
-"""What a small change of a motion grows to: the Lyapunov exponents of a run, the multipliers of a settled one.
+"""Compute the growth of small changes: the Lyapunov exponents of a run, the multipliers of a settled motion.
 
-All use the map from one start of a forcing period to the next (`period_map`).
+All functions use the map from one start of a forcing period to the next (`period_map`).
 """
 
 from collections.abc import Callable, Iterable
@@ -20,11 +20,12 @@ from dimersweep.runs.run import Run
 from dimersweep.runs.tangent import Tangents
 
 LinearMap = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-MAP_RTOL = 1e-11  # of the map, where the run was coarser: differences are taken of it
-SETTLING, SHARE = 20, 10  # periods before the count begins, and one in so many more: the twin finds its direction
-FORGOTTEN = NAMES[:5]  # what both ends at rest have lost of the past; the spin rolls on
-BLOCKS = 20  # of periods, whose spread gives the error of a mean
-ROUNDING = 100 * np.finfo(float).eps  # error of a length that a sum of products gives
+MAP_RTOL = 1e-11  # coarsest accuracy of the map: differences are taken of its images
+# periods before the growth is counted, and one more for each so many that are counted: the change finds its direction
+SETTLING, SHARE = 20, 10
+FORGOTTEN = NAMES[:5]  # coordinates that keep nothing of the past once both ends have been at rest; the spin rolls on
+BLOCKS = 20  # blocks of periods: the spread of their means gives the error of the whole mean
+ROUNDING = 100 * np.finfo(float).eps  # relative rounding of a length that is the root of a sum of products
 
 
 class Multipliers(NamedTuple):
@@ -33,14 +34,14 @@ class Multipliers(NamedTuple):
     Attributes
     ----------
     values : ndarray, shape (n,), complex
-        By size, the largest first: by what a small change is multiplied in one period of the motion. The motion is stable
-        where all are below 1 in size.
+        Multipliers, the largest in size first: factors by which small changes grow in one period of the motion. The
+        motion is stable if all are below 1 in size.
     matrix : ndarray, shape (n, n)
         The derivative of the map.
     coordinates : tuple of str
-        Its rows and columns: those of `NAMES` that are free in the contact at the start of the period.
+        Names of the rows and columns: those of `NAMES` that are free in the contact at the start of the period.
     closure : float
-        How far the motion fails to close after its period, in units of the coordinates.
+        Distance between start and end of one period of the motion, the largest of all coordinates, in their units.
 
     Examples
     --------
@@ -57,7 +58,7 @@ class Multipliers(NamedTuple):
 
 
 class Lyapunov(NamedTuple):
-    """Largest Lyapunov exponent.
+    """Largest Lyapunov exponent of a motion.
 
     Attributes
     ----------
@@ -66,7 +67,7 @@ class Lyapunov(NamedTuple):
     per_period : float
         The same growth per forcing period [1].
     periods : int
-        Forcing periods over which it is averaged: fewer than asked for where chaos has ended before.
+        Forcing periods over which it is averaged: fewer than asked for if chaos has ended before.
 
     Examples
     --------
@@ -87,17 +88,17 @@ class Lyapunov(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """Lyapunov exponents, the largest first.
+    """Lyapunov exponents of a motion, the largest first.
 
     Attributes
     ----------
     exponents, errors : ndarray, shape (n,)
-        Mean growth rates of small changes in the n coordinates that are free at the start, and the standard errors of these
-        means [s-1]. -inf for a change that a contact or an impact takes away, NaN its error.
+        Mean growth rates of small changes in the n coordinates that are free at the start, and the standard errors of
+        these means [s-1]. For a change that a contact or an impact takes away the rate is -inf and its error NaN.
     per_period : ndarray, shape (n,)
         The same growth per forcing period [1].
     periods : int
-        Forcing periods over which it is averaged: fewer than asked for where chaos has ended before.
+        Forcing periods over which they are averaged: fewer than asked for if chaos has ended before.
 
     Examples
     --------
@@ -115,7 +116,7 @@ class Spectrum(NamedTuple):
 
 
 def _end(run: Run, wanted: str) -> tuple[RunRecord, np.ndarray, np.ndarray]:
-    """The record of a run, with its last state and friction modes."""
+    """Return the record of a run that reached its end, with its last state and friction modes."""
     check_level(run.parameters, wanted)
     record = run.record(wanted)
     if run.status != "ok":
@@ -125,24 +126,25 @@ def _end(run: Run, wanted: str) -> tuple[RunRecord, np.ndarray, np.ndarray]:
 
 
 def multipliers(run: Run) -> Multipliers:
-    """Multipliers of the motion that a run has settled to, from central differences of its return map.
+    """Compute the multipliers of the motion that a run has settled to, from central differences of its return map.
 
     Parameters
     ----------
     run : Run
-        Recorded, and settled: its mode has a period. Give it time: the multipliers are those of its last state.
+        A recorded run that has settled: its mode has a period. Let it run long: the multipliers are those of its last
+        state.
 
     Returns
     -------
     Multipliers
-        The directions that contact takes away in each period (gap and rate of an end on the plate, slip of one that sticks)
-        are left out; their multipliers are zero.
+        Directions that contact takes away in each period are left out, as their multipliers are zero: gap and gap rate
+        of an end on the plate, and the slip of an end that sticks.
 
     Raises
     ------
     ParameterError
-        If the motion has no period, or a neighbouring one meets the section in another contact: then the section lies at an
-        event of the motion; shift it with `phi0`.
+        If the motion has no period, or if a neighbouring motion meets the section in another contact. In the latter
+        case the section lies at an event of the motion: shift it with `phi0`.
 
     Examples
     --------
@@ -161,9 +163,13 @@ def multipliers(run: Run) -> Multipliers:
 
 
 def of_orbit(section: Section, state: np.ndarray, modes: np.ndarray, periods: int) -> Multipliers:
-    """Multipliers of the motion that comes back to `state`, in contact `modes`, after whole periods; see `multipliers`."""
+    """Compute the multipliers of the motion that returns to `state`, in contact `modes`, after whole forcing periods.
+
+    See `multipliers` for the errors raised.
+    """
     point, free = section.point(state), free_coordinates(modes)
     step = section.rtol ** (1 / 3)  # balances the error of the differences, step^2, with that of the map, rtol/step
+    # a free end this near to the plate would touch it in the differences, and so change its contact
     close = any(modes[end] == FREE and point[end] <= 2 * step for end in (0, 1))
 
     def mapped(by: float, k: int) -> np.ndarray:
@@ -183,24 +189,25 @@ def of_orbit(section: Section, state: np.ndarray, modes: np.ndarray, periods: in
 
 
 def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
-    """Largest Lyapunov exponent of the motion that a run has come to.
+    """Compute the largest Lyapunov exponent of the motion that a run has come to.
 
-    The run goes on (`Run.go_on`). A twin starts beside it in each forcing period, along the direction that the twin before
-    has taken; the growth of their difference is noted (Benettin's method).
+    The run is made longer (`Run.go_on`). In each forcing period a twin starts beside it, in the direction that the
+    previous twin has taken. The exponent is the mean logarithm of the growth of their difference (Benettin's method).
 
     Parameters
     ----------
     run : Run
-        Recorded; its transients are over.
+        A recorded run whose transients are over.
     periods : int
-        Forcing periods over which the growth is averaged, at most; 20 and a tenth more go before. Chaos may end by itself: the
-        motion settles, or both ends come to rest together, and all but the spin is forgotten. The count ends there.
+        Forcing periods over which the growth is averaged, at most. Before them, 20 and a tenth of that number are run.
+        Chaos may end by itself: the motion settles, or both ends come to rest together, and all but the spin is
+        forgotten. The count ends there.
 
     Returns
     -------
     Lyapunov
-        Of a motion that has settled, the logarithm of its largest multiplier: 0 at rest, where the dimer rolls on at the
-        speed that it has.
+        For a motion that has settled, the exponent per period is the logarithm of its largest multiplier. It is 0 at
+        rest, where the dimer rolls on at a constant speed.
 
     Raises
     ------
@@ -225,29 +232,31 @@ def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
 
 
 def spectrum(run: Run, periods: int = 200) -> Spectrum:
-    """All Lyapunov exponents of the motion that a run has come to.
+    """Compute all Lyapunov exponents of the motion that a run has come to.
 
-    The run goes on (`Run.go_on`). In each forcing period the derivative of its return map is taken in directions that contact
-    leaves free, by central differences whose step is checked, and what they become is made orthogonal again
-    (doi 10.1007/BF02128237). Volumes are those of phase space (`tangent`): without friction each impact of an end of
-    restitution e contracts them by e^2, and nothing else does.
+    The run is made longer (`Run.go_on`). In each forcing period the return map is differentiated in the directions that
+    contact leaves free, by central differences whose step is tested. The images of the directions are made orthogonal
+    again (doi 10.1007/BF02128237).
+
+    Volumes are those of phase space (`tangent`). Without friction each impact of an end of restitution e contracts them
+    by e^2, and nothing else does.
 
     Parameters
     ----------
     run : Run
-        Recorded; its transients are over.
+        A recorded run whose transients are over.
     periods : int
-        As of `lyapunov`; each takes about forty times the time of a period.
+        As in `lyapunov`. Each takes about forty times as long as a period of the run.
 
     Returns
     -------
     Spectrum
-        Of a motion that has settled, the logarithms of its multipliers.
+        For a motion that has settled, the exponents per period are the logarithms of its multipliers.
 
     Raises
     ------
     ParameterError
-        As `lyapunov`.
+        If nothing was recorded, the run does not reach its end, or its chaos ends soon after.
 
     Examples
     --------
@@ -262,7 +271,7 @@ def spectrum(run: Run, periods: int = 200) -> Spectrum:
     tangents = Tangents(way.section)
     places = [tangents.place(state) for state in way.states]
     maps = map(partial(partial, tangents.grown), places[:-1], way.modes[:-1], places[1:])
-    # in a motion that has not settled one direction alone, the spin, is left where both ends have been at rest
+    # in a chaotic motion that has brought both ends to rest only one direction is left, the spin: its chaos has ended
     growth = qr_growth(maps, tangents.basis(places[0], way.modes[0]), fewest=0 if way.settled else 2)
     mean, error, counted = _mean_growth(growth, way, "spectrum")
     order, f = np.argsort(-mean, kind="stable"), run.parameters["f"]
@@ -270,18 +279,18 @@ def spectrum(run: Run, periods: int = 200) -> Spectrum:
 
 
 class _Way(NamedTuple):
-    """The way of a run that goes on: states and friction modes at the starts of its forcing periods."""
+    """States and friction modes of a run that goes on, at the starts of its forcing periods."""
 
     section: Section
     states: np.ndarray
     modes: np.ndarray
     settled: bool
-    before: int  # periods before the count begins, and those to count
-    counted: int
+    before: int  # periods before the count begins
+    counted: int  # periods to count
 
 
 def _way_on(run: Run, periods: int, wanted: str) -> _Way:
-    """The run made longer by so many periods to count, and those before them; to the end of its chaos."""
+    """Make a run longer by `periods` to count and those before them; return its states, up to the end of its chaos."""
     _end(run, wanted)
     periods = check_count("periods", periods)
     before = SETTLING + periods // SHARE
@@ -297,7 +306,10 @@ def _way_on(run: Run, periods: int, wanted: str) -> _Way:
 
 
 def _mean_growth(growth: np.ndarray, way: _Way, wanted: str) -> tuple[np.ndarray, np.ndarray, int]:
-    """Means of logarithms of growth along the first axis, their standard errors, and how many were counted."""
+    """Average logarithms of growth along the first axis; return means, their standard errors, and the number counted.
+
+    The first part is left out, in the share of `way.before`. Raise `ParameterError` if too little is left.
+    """
     if len(growth) <= SETTLING:
         raise ParameterError(f"{wanted}: the chaos ends {len(growth)} periods after the run; end the run earlier")
     kept = growth[len(growth) * way.before // (way.before + way.counted) :]
@@ -310,20 +322,22 @@ def _mean_growth(growth: np.ndarray, way: _Way, wanted: str) -> tuple[np.ndarray
 
 
 def qr_growth(maps: Iterable[LinearMap], directions: np.ndarray, fewest: int = 0) -> np.ndarray:
-    """Logarithms of the growth of orthogonal directions under linear maps, one after the other.
+    """Compute the logarithms of the growth of orthogonal directions under a sequence of linear maps.
 
     Parameters
     ----------
     maps : iterable of callable
-        Each takes directions, shape (m, k), to columns, shape (l, m), and bounds on the errors of these, shape (m,).
+        Each takes directions, shape (m, k), and returns their images as columns, shape (l, m), and bounds on the errors
+        of these, shape (m,).
     directions : ndarray, shape (n, k)
+        Orthogonal directions of length 1.
     fewest : int
-        It ends before the map that leaves fewer of them.
+        The growth ends before the map that leaves fewer directions than this.
 
     Returns
     -------
     ndarray, shape (number of maps that count, n)
-        -inf for a direction that is lost, from there on: what the others leave of it is below its error.
+        -inf from the map on that takes a direction away: what the other images leave of its image is below its error.
 
     Examples
     --------
@@ -347,13 +361,16 @@ def qr_growth(maps: Iterable[LinearMap], directions: np.ndarray, fewest: int = 0
 
 
 def orthogonal(columns: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors that columns span one after the other, as rows; what each adds, 0 where that is below its error."""
+    """Make columns orthogonal one after the other; return unit vectors as rows, and the length that each column adds.
+
+    That length is 0, and there is no vector, where it is below the error of the column.
+    """
     found: list[np.ndarray] = []
-    shares: list[float] = []  # errors of those, which are of unit length
+    shares: list[float] = []  # errors of these unit vectors
     sizes = np.zeros(columns.shape[1])
     for k, (column, error) in enumerate(zip(columns.T, errors, strict=True)):
         rest, bound = column, max(error, ROUNDING * np.linalg.norm(column))
-        for _ in range(2):  # again, as rounding leaves some of what was large
+        for _ in range(2):  # twice, as rounding leaves something of a large part that is subtracted
             for unit, share in zip(found, shares, strict=True):
                 along = unit @ rest
                 rest, bound = rest - along * unit, bound + abs(along) * share
@@ -368,10 +385,10 @@ def orthogonal(columns: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.
 def _from_twin(
     section: Section, settled: bool, state: np.ndarray, here: np.ndarray, there: np.ndarray, directions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What one direction becomes in a forcing period, from a twin that starts along it; see `qr_growth`.
+    """Return the image of one direction after a forcing period, from a twin that starts along it; see `qr_growth`.
 
-    It lies in the coordinates that contact leaves free. In a motion that has not `settled` it is lost where only the spin is
-    left of it: both ends have been at rest.
+    The image lies in the coordinates that contact leaves free. In a motion that has not `settled` it is zero where only
+    the spin of it is left: both ends have been at rest.
     """
     apart = section.rtol**0.5  # far above the errors of the map, far below the size of the motion
     free, left, point = free_coordinates(here), free_coordinates(there), section.point(state)

@@ -1,4 +1,4 @@
-"""The orbit that a run has come to, as labelled numbers."""
+"""Hold the orbit of a run as labelled numbers, and an object in place of an orbit that a run does not have."""
 
 from dataclasses import dataclass
 from math import nan
@@ -10,12 +10,14 @@ from dimersweep.symbols import QUANTITIES, units_shown
 
 
 class Absent:
-    """In place of what a run does not have: false, and whatever is asked of it says why.
+    """Placeholder of something that a run does not have.
+
+    It is false and equal to None. Every attribute and item raises an `AbsentError` that says why it is missing.
 
     Parameters
     ----------
     why : str
-        In one line, what there is instead.
+        What the run has instead, in one line.
     """
 
     def __init__(self, why: str) -> None:
@@ -35,7 +37,7 @@ class Absent:
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
-            raise AttributeError(name)  # asked by Python itself, as in a copy
+            raise AttributeError(name)  # Python itself looks for such names, for a copy for example
         raise AbsentError(f"{name}: {self._why}")
 
     def __getitem__(self, name: Any) -> Any:
@@ -44,19 +46,19 @@ class Absent:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Orbit(OrbitNumbers):
-    """The orbit of a drift: values of its last full period, and the change of each per period, fitted over the last 20.
+    """Orbit of a drift: values of its last full period, and the change of each per period, fitted over the last 20.
 
     Attributes
     ----------
     radius : float
         Equivalent radius (11), speed over precession rate [m]; NaN for a straight path, which has none.
     path_radius : float
-        Radius of the mean path of the centre of mass, as a camera sees it [m]; NaN for a straight path. Of the forcing period
-        that follows the run, as is `path_speed`.
+        Radius of the mean path of the centre of mass, as a camera sees it [m]; NaN for a straight path. It is computed
+        in the forcing period after the run, as is `path_speed`.
     period : float
-        Time once round [s], for either radius; NaN for a straight path.
+        Time for one whole turn [s], the same for both radii; NaN for a straight path.
     zeta : float
-        Angle from the axis (from the ball that is down to the one that bounces) to the velocity [rad].
+        Angle from the axis, which points from the ball that is down to the ball that bounces, to the velocity [rad].
     speed : float
         Speed of the centre of mass at the end of the double impact [m s-1].
     path_speed : float
@@ -66,13 +68,14 @@ class Orbit(OrbitNumbers):
     impact_phase : float
         Phase of the double impact in cycles of the plate, in [0, 1) [1].
     di_end : str
-        Friction of the end that stays down, then of the other one, when the double impact ends: sp_sp, sp_sk, sk_sp or sk_sk.
+        Friction of the end that stays down, then of the other one, when the double impact ends: sp_sp, sp_sk, sk_sp or
+        sk_sk.
     spin, beta_rate_after : float
         Axial spin, and rate of the dip angle, after the double impact [rad s-1].
     radius_drift, period_drift, zeta_drift, speed_drift, precession_rate_drift, impact_phase_drift : float
         Change per forcing period, in the unit of the quantity.
     spin_drift : float
-        The same of `spin`: the slow drift along the family of orbits that the drift goes through [rad s-1].
+        Change of `spin` per forcing period [rad s-1]: the slow drift along the family of orbits that the motion passes.
 
     Examples
     --------
@@ -92,5 +95,5 @@ class Orbit(OrbitNumbers):
 
 
 def no_orbit(mode: str) -> Absent:
-    """What stands in place of the orbit of a motion that is no drift."""
+    """Return the placeholder for the orbit of a motion of another mode than drift."""
     return Absent(f"the motion is {mode}, and only a drift has an orbit")

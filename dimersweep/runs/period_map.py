@@ -1,7 +1,10 @@
-"""The return map of a dimer from one start of a forcing period to the next, in coordinates that leave out the cyclic ones.
+"""Map a dimer from one start of a forcing period to the next, in coordinates that leave out the cyclic ones.
 
-The cyclic ones are place, heading and spin angle. The others are the gaps and their rates, theta' cos(beta), the axial spin,
-and the velocity of the centre of mass along and across the axis, in units of g/omega^2, g/omega, and g/omega over h and r.
+Cyclic are place, heading and spinning angle. The eight coordinates are the gaps and their rates, theta' cos(beta), the
+axial spin, and the velocity of the centre of mass along and across the axis.
+
+Their units are g/omega^2 for gaps and g/omega for velocities, with g the gravity along the plate's normal. Those of
+theta' cos(beta) and of the spin are g/omega over half the distance of the balls, and over the larger radius.
 """
 
 from functools import cached_property
@@ -28,16 +31,16 @@ _NO_POINT, _NO_READING = np.empty(0), new_reading(0, 0)
 
 
 class Section:
-    """The return map of one dimer on one plate, between points of shape (8,) in the order of `NAMES`.
+    """Return map of one dimer on one plate, between points of shape (8,) in the order of `NAMES`.
 
     Parameters
     ----------
     row : ndarray, shape (N_ROW,)
-        Their parameters.
+        Parameters of dimer and plate.
     rtol : float
         Accuracy of the map [1].
     space : Workspace, optional
-        Scratch arrays to share.
+        Scratch arrays; by default the section has its own.
     """
 
     def __init__(self, row: np.ndarray, rtol: float, space: Workspace | None = None) -> None:
@@ -50,33 +53,33 @@ class Section:
 
     @cached_property
     def dm(self) -> Any:
-        """The dimer, for Python."""
+        """Dimer of the kernel as a Python object."""
         return as_object(dimer_of(self.row))
 
     def point(self, state: np.ndarray) -> np.ndarray:
-        """The point of the section that a kernel state is at."""
+        """Return the point of the section for a kernel state."""
         return state[_SLOTS] / self.units
 
     def state(self, point: np.ndarray, modes: np.ndarray) -> np.ndarray:
-        """The kernel's state at a point with the ends in their friction modes.
+        """Return the kernel's state at a point, with the ends in their friction modes.
 
-        A gap that is below zero by a rounding of the point is closed. Ends that stick are at rest: the motion of the centre of
-        mass follows from the other rates.
+        A gap that is below zero by a rounding of the point is closed. Ends that stick are at rest, so that the velocity
+        of the centre of mass follows from the other rates.
         """
         return self.judged_state(point, modes)[0]
 
     def judged_state(self, point: np.ndarray, modes: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return that state, and OK or why there is none at the point (``section.judge``)."""
+        """Return the kernel's state at a point as `state` does, and OK or the status that says why there is none."""
         state = np.array(State())
         return state, state_at(self.row, self.units, point, modes, self.space.dimer, state)
 
     def held(self, state: np.ndarray, modes: np.ndarray) -> np.ndarray:
-        """The state, modified in place, with the ends that stick at rest."""
+        """Set the ends that stick at rest in `state`, which is modified and returned."""
         state_at(self.row, self.units, _NO_POINT, modes, self.space.dimer, state)
         return state
 
     def after(self, state: np.ndarray, periods: int) -> tuple[np.ndarray, np.ndarray]:
-        """The point after whole periods, and the friction modes of the ends there.
+        """Return the point after whole forcing periods, and the friction modes of the ends there; `state` is modified.
 
         Raises
         ------
@@ -91,10 +94,10 @@ class Section:
 
 
 def free_coordinates(modes: np.ndarray) -> list[int]:
-    """Numbers of the coordinates that contact leaves free.
+    """Return the numbers of the coordinates that contact leaves free.
 
-    An end on the plate has neither gap nor rate. Where one sticks, the centre of mass moves as it must; where both do, only
-    the spin is left.
+    An end on the plate has neither gap nor gap rate. Where one end sticks, the velocity of the centre of mass follows
+    from the other coordinates; where both stick, only the spin is left.
     """
     first, second = modes.tolist()
     free = [k for k in range(4) if (first, second)[k % 2] == FREE]

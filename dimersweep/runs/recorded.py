@@ -1,4 +1,4 @@
-"""What the kernel recorded of one run as labelled data: events in their order, states at any time, energies and forces."""
+"""Compute labelled data from the kernel's record of one run: events in order, states at any time, energies, forces."""
 
 import json
 from collections.abc import Mapping
@@ -41,19 +41,22 @@ from dimersweep.symbols import EVENT_QUANTITIES, FORCES, START, STATE_QUANTITIES
 # words of columns that are flags
 EVENT_WORDS = dict.fromkeys(("kind", "contact_before", "contact_after", "contact_state"), CONTACT_STATES)
 EVENT_WORDS |= {"cause": CAUSES}
-HOP_ROWS, HOP_ROWS_GROWTH = 500, 4  # for the hops that one close sums
-FOLLOWED = 0.95  # share of the time for which these may be followed: clear of its end
-STARTED = tuple(  # what a state to start from is given by
+HOP_ROWS, HOP_ROWS_GROWTH = 500, 4  # rows for the hops that the end of one chatter sums, and their growth where too few
+# share of the time over which the kernel follows these hops (`HOPS_LAST`): clear of the end of that time
+FOLLOWED = 0.95
+# quantities of a state that give a start; the others follow from these
+STARTED = tuple(
     name for name in STATE_QUANTITIES if name not in ("phase", "z1", "z1_rate", "x", "y", "z", "plate", "contact_state")
 )
-BOUNDARY = 1e-12  # a time this far below the end of a forcing period counts as that end, in periods
+# a time this little below the end of a forcing period counts as that end [periods]: times in s are rounded products
+BOUNDARY = 1e-12
 
 
 class RunRecord(NamedTuple):
     """Record that the kernel wrote of one run (columns in ``kernel.record``), with its parameters and its accuracy.
 
-    `cut` says that there was no room for all of them, and `start` what the run started from (rows of N_START numbers, none for
-    the start in the parameters), where that is known.
+    `cut` is True if there was no room for all rows. `start` has the state from which the run started, in one row of
+    N_START numbers; it has no row if the parameters give the start, and is None if it is unknown.
     """
 
     row: np.ndarray
@@ -65,23 +68,23 @@ class RunRecord(NamedTuple):
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Those in the row, by name."""
+        """Parameters of the run by name, from the row."""
         return dict(zip(ROW, self.row.tolist(), strict=True))
 
 
 def times_of(periods: np.ndarray, phases: np.ndarray, f: float) -> np.ndarray:
-    """Times [s] of completed forcing periods and plate phases since then [rad]."""
+    """Return the times [s] of completed forcing periods and plate phases since then [rad]."""
     return (periods + phases / (2 * pi)) / f
 
 
 def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], dim: str) -> xr.Dataset:
-    """Columns of one length with their units and meanings, in the order of `quantities`."""
+    """Return columns of one length with their units and meanings, in the order of `quantities`."""
     told = {name: column(dim, columns[name], said, EVENT_WORDS.get(name, ())) for name, said in quantities.items()}
     return xr.Dataset(told)
 
 
 def events_of(record: RunRecord) -> xr.Dataset:
-    """The events of a run in order of time, along `event`; see `Run.events`."""
+    """Return the events of a run in order of time, along `event`; see `Run.events`."""
     columns, parameters = dict(zip(EVENT, record.events.T.copy(), strict=True)), record.parameters
     ended = _move_to_ends_of_hops(record, columns)
     columns["time"] = times_of(columns["period"], columns["phase"], parameters["f"])
@@ -103,11 +106,11 @@ def events_of(record: RunRecord) -> xr.Dataset:
 
 
 def _move_to_ends_of_hops(record: RunRecord, columns: dict[str, np.ndarray]) -> np.ndarray:
-    """Move the ends of chatters to the accumulation points of their bounces, in place; numbers of the rows that were moved.
+    """Move the ends of chatters in `columns` to the accumulation points of their bounces; return the moved rows.
 
-    The kernel writes such a row at the last bounce before the hops that it sums; here these are followed. Where another
-    event comes before they have died out, the row has the time of that event; where a stopped run or a record that was cut
-    ends before, they have not died out, and the row goes.
+    The kernel writes such a row at the last bounce before the hops that it sums. Here these hops are followed. If
+    another event comes before they have died out, the row gets the time of that event. If the run or its record ends
+    before, the row is removed.
     """
     periods, phases, segments = columns["period"], columns["phase"], record.segments
     summed = np.flatnonzero(segments[:, SEGMENT_HOP_TIME] > 0).tolist()
@@ -116,8 +119,10 @@ def _move_to_ends_of_hops(record: RunRecord, columns: dict[str, np.ndarray]) -> 
     for n in np.flatnonzero(columns["cause"] == C_CHATTER_END):
         k = closes.get((periods[n], phases[n]))
         turn = _end_of_hops(record, k) if k is not None else None
-        if turn is not None:  # else the hops last too short to matter, or longer than they are followed
-            turn += 4 * np.spacing(2 * pi * (1 + periods[n]))  # rounded up: the time is not before the event
+        # without a turn the hops last too short to matter, or longer than they are followed: the row stays
+        if turn is not None:
+            # four units in the last place of the time: rounding must not put it before the last of the hops
+            turn += 4 * np.spacing(2 * pi * (1 + periods[n]))
             last = n + 1 == len(phases)
             period, phase = segments[-1, [PERIOD, PHASE]] if last else (periods[n + 1], phases[n + 1])
             room = 2 * pi * (period - periods[n]) + phase - phases[n]
@@ -131,9 +136,9 @@ def _move_to_ends_of_hops(record: RunRecord, columns: dict[str, np.ndarray]) -> 
 
 
 def _end_of_hops(record: RunRecord, k: int) -> float | None:
-    """How far the plate turns until the hops that segment `k` sums have died out [rad].
+    """Return the turn of the plate until the hops that segment `k` sums have died out [rad].
 
-    None if they have not within the time that they are followed for.
+    None if they have not died out within the time over which they are followed.
     """
     segment, omega = record.segments[k], dimer_of(record.row).omega
     span = FOLLOWED * HOPS_LAST * omega * segment[SEGMENT_HOP_TIME]
@@ -154,10 +159,10 @@ def _end_of_hops(record: RunRecord, k: int) -> float | None:
 
 
 def _places(times: np.ndarray, record: RunRecord) -> tuple[np.ndarray, np.ndarray]:
-    """Number of the segment in whose phase each time lies, and the plate phase [rad] of the time, counted as there.
+    """Return the number of the segment in which each time lies, and the plate phase [rad] counted as there.
 
-    A time within the hops that the close of a chatter sums belongs to the segment that starts from it.
-    Counted from there, the time of an event gives that event's phase to the last bit, and no time falls before it.
+    A time within the hops that the close of a chatter sums belongs to the segment that starts from the close. Counted
+    so, the time of an event gives the phase of the event to the last bit, and no time lies before its segment.
 
     Raises
     ------
@@ -167,11 +172,11 @@ def _places(times: np.ndarray, record: RunRecord) -> tuple[np.ndarray, np.ndarra
     segments, events, cut, f = record.segments, record.events, record.cut, record.parameters["f"]
     starts = times_of(segments[:, PERIOD], segments[:, PHASE], f)
     end = starts[-1]
-    if (
-        len(events) and not cut
-    ):  # a run that failed has events beyond: its last phase has led to an impact that nothing follows
+    # a run that failed has events beyond its last segment: the last phase has led to an impact without a next phase
+    if len(events) and not cut:
         end = max(end, times_of(events[-1, E_PERIOD], events[-1, E_PHASE], f))
-    outside = ~((times >= 0) & (times <= end * (1 + 1e-15) + BOUNDARY / f))  # in this form true for a NaN as well
+    # written so that a NaN is outside, too; 1e-15 allows for the rounding of a time in s
+    outside = ~((times >= 0) & (times <= end * (1 + 1e-15) + BOUNDARY / f))
     if outside.any():
         length = "where the record was cut" if cut else "the length of the run"
         raise ParameterError(f"t = {times[outside][0]}: must be in [0, {end:.10g}] s, {length}")
@@ -189,7 +194,7 @@ def _places(times: np.ndarray, record: RunRecord) -> tuple[np.ndarray, np.ndarra
 
 
 def _states(row: np.ndarray, times: np.ndarray, kernel_states: np.ndarray, modes: np.ndarray) -> xr.Dataset:
-    """The kernel's closed state in the coordinates of the paper."""
+    """Return kernel states at `times` in the coordinates of the paper, along `time`."""
     s, dm = State(*kernel_states.T), dimer_of(row)
     phase = s.phase + dm.phi0
     plate, plate_rate, _ = motion(dm, phase)
@@ -229,7 +234,7 @@ def _states(row: np.ndarray, times: np.ndarray, kernel_states: np.ndarray, modes
 
 
 def named_state(row: np.ndarray, start: np.ndarray) -> dict[str, float]:
-    """A kernel state to start from, shape (1, N_START), by the names that `simulate` takes as a start."""
+    """Return a kernel state to start from, shape (1, N_START), by the names that `simulate` takes as a start."""
     states = _states(row, np.zeros(1), start[:, :N_STATE], start[:, N_STATE:])
     return {name: float(states[name].item()) for name in STARTED}
 
@@ -237,19 +242,19 @@ def named_state(row: np.ndarray, start: np.ndarray) -> dict[str, float]:
 def _sampled(
     record: RunRecord, which: np.ndarray, phases: np.ndarray, rows: Record
 ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-    """Status, kernel states, friction modes and contact forces at plate phases within the given segments."""
+    """Return status, kernel states, friction modes and contact forces at plate phases within the segments `which`."""
     states, modes, F = (np.zeros((which.size, n)) for n in (N_STATE, 2, N_F))
     status = sample(record.row, record.segments, which, phases, record.rtol, new_workspace(), rows, states, modes, F)
     return status, states, modes, F
 
 
 def states_of(record: RunRecord, times: np.ndarray) -> xr.Dataset:
-    """The state at `times` [s], shape (n,), along `time`; see `Run.states`.
+    """Return the states at `times` [s], shape (n,), along `time`; see `Run.states`.
 
     Raises
     ------
     ParameterError
-        If a time is outside the run, or in a phase of contact so long that its steps are more than their bound.
+        If a time is outside the run, or in a phase of contact so long that it takes more steps than allowed.
     """
     status, kernel_states, modes, F = _sampled(record, *_places(times, record), no_record())
     if status != OK:
@@ -262,9 +267,9 @@ def states_of(record: RunRecord, times: np.ndarray) -> xr.Dataset:
 
 
 def energies(dm: Dimer, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Kinetic and potential energy in the room of kernel states, shape (n, N_STATE) [J].
+    """Return kinetic and potential energy [J] in the room of kernel states, shape (n, N_STATE).
 
-    The potential energy is zero with the centre of mass at the origin of the room: the plate's mean place.
+    The potential energy is zero with the centre of mass at the origin of the room, the mean place of the plate.
     """
     s = State(*states.T)
     phase = s.phase + dm.phi0
@@ -283,9 +288,10 @@ def energies(dm: Dimer, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def forces(row: np.ndarray, states: np.ndarray, modes: np.ndarray, F: np.ndarray) -> dict[str, np.ndarray]:
-    """Forces of the plate on both ends, by the names of `symbols.FORCES` [N].
+    """Return the forces of the plate on both ends [N], by the names of `symbols.FORCES`.
 
-    Two ends on the plate share one axial velocity. Where one of them sticks, only the sum of their axial forces is determined.
+    Two ends on the plate share one axial velocity. If one of them sticks, only the sum of their axial forces is
+    determined, and the parts are NaN.
 
     Parameters
     ----------
@@ -301,7 +307,7 @@ def forces(row: np.ndarray, states: np.ndarray, modes: np.ndarray, F: np.ndarray
     for i, p in enumerate((dm.p1, dm.p2)):
         along, across = slip_at(dm, states[slide].T, i)
         speed = np.sqrt(along * along + across * across)
-        with np.errstate(invalid="ignore"):  # a slip that just turns back has no direction
+        with np.errstate(invalid="ignore"):  # a slip of speed 0, which just turns back, has no direction: NaN
             axial[i, slide] = -plain(slip_mu)(p, speed) * F[slide, F1 + i * (F2 - F1)] * along / speed
     return {
         "normal_force_1": F[:, F1],
@@ -315,14 +321,17 @@ def forces(row: np.ndarray, states: np.ndarray, modes: np.ndarray, F: np.ndarray
 
 
 def made_with(parameters: Mapping[str, float]) -> xr.Variable:
-    """A number of the parameters of a run but for its start, which tells them, and by which states put together are known."""
+    """Return a number of the parameters of a run without its start, with the parameters as its attribute.
+
+    States of different runs that were put together are known by their numbers.
+    """
     told = json.dumps({name: value for name, value in parameters.items() if name not in START})
     about = {"units": "1", "long_name": "number of the run's parameters", "parameters": told}
     return xr.Variable((), np.int32(number_of(told)), about)
 
 
 def parameters_in(states: xr.Dataset) -> dict[str, float]:
-    """The parameters of the run of one state, but for its start; none where it does not tell them.
+    """Return the parameters of the run of one state, without its start; {} if the state does not have them.
 
     Raises
     ------
@@ -338,6 +347,6 @@ def parameters_in(states: xr.Dataset) -> dict[str, float]:
 
 
 def period_rows(segments: np.ndarray) -> np.ndarray:
-    """Numbers of the rows of `segments` that forcing periods start with, and of the row that ends the last one."""
+    """Return the numbers of the rows of `segments` that start forcing periods, and of the end of the last period."""
     rows = np.flatnonzero(segments[:, PHASE] == 0.0)
     return rows[np.unique(segments[rows, PERIOD], return_index=True)[1]]

@@ -1,4 +1,4 @@
-"""One simulation that was made: its outcome, with its events and its state at any time where it was recorded."""
+"""Hold one simulation: its outcome, with its events and its state at any time if it was recorded."""
 
 import warnings
 from collections.abc import Callable, Collection
@@ -48,61 +48,63 @@ if TYPE_CHECKING:
     from dimersweep.runs.energy import By
     from dimersweep.runs.sections import At
 
-LIES_STILL = 1e-9  # speed [m/s] below which a dimer is said to lie still
+LIES_STILL = 1e-9  # speed [m/s] below which the words of a run say that the dimer lies still
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class Run(RunNumbers):
-    """One simulation; its numbers, and those of its orbit, are columns of every cube, too.
+    """Result of one simulation; its numbers, and those of its orbit, are columns of every cube, too.
 
     Attributes
     ----------
     status, message : str
-        "ok", or the name of the reason why the run stopped early; that reason in words.
+        "ok", or a word for the reason why the run stopped early; that reason as a sentence.
     mode : str
-        What the motion became: rest, rolls, slides, drift, jump, flutter, period_n, aperiodic, unresolved or, without "ok",
-        failed.
+        Mode of the motion at the end: rest, rolls, slides, drift, jump, flutter, period_n, aperiodic, unresolved or, if
+        the status is not "ok", failed.
     mode_period : int
-        Forcing periods after which it repeats, 0 if it does not.
+        Forcing periods after which the motion repeats, 0 if it does not.
     track : str
-        What a settled motion draws on the plate: straight, arc, circle, loops, waves, cusps or reversals
+        Track of a settled motion on the plate: straight, arc, circle, loops, waves, cusps or reversals
         (docs/imperfect.md); none if it has not settled, or both ends stay down.
     parameters : dict
-        Every parameter of the model; those that may be left out (`symbols.LEFT_OUT`) where they were not.
+        Every parameter of the model; those that may be left out (`symbols.LEFT_OUT`) only if they were given.
     start : dict or None
-        The state that it started from, by the names of `states`, its phase being `phi0`; None where parameters give the
-        start, such as `beta0` and `xdot0`.
+        State from which the run started, by the names of `states`; its phase is `phi0`. None if parameters such as
+        `beta0` and `xdot0` give the start.
     rtol : float
         Accuracy [1].
     n_events : int
-        Landings, the impacts that they lead to, lift-offs, and changes between slip and stick. The table `events` has other
-        rows: none for a landing, one for each contact state of an impact, and those of its cause "chatter_end" and "end".
+        Number of landings, of the impacts that they lead to, of lift-offs, and of changes between slip and stick. The
+        table `events` has other rows: none for a landing, one for each contact state of an impact, and rows of the
+        causes "chatter_end" and "end".
     n_periods : int
         Completed forcing periods.
     orbit : Orbit or Absent
-        Of a drift. Of other modes it is false, and whatever is asked of it says in a line which mode there is.
+        Orbit of a drift. In other modes it is false, and each of its attributes raises an error that names the mode.
     down_share_1, down_share_2 : float
-        Share of the last 12 periods (or the multiple of the motion's period below, at least one) that each end is down [1]:
-        closed, or in hops shorter than half a period. A hop that goes on at the end is as long as that one period of the motion
-        before; of a longer flight what lies within those periods counts.
+        Share of the last 12 periods in which each end is down [1]: closed, or in hops shorter than half a period. Only
+        whole periods of the motion count, at least one: the last 10 where it repeats after 5, 14 where it repeats after
+        14. A hop that goes on at the end counts as the hop one period of the motion before. Of a longer flight the part
+        within those periods counts.
     settled_after : float
         Forcing periods until the motion had settled; NaN if it has not.
     spin_drift : float
-        Change of the axial spin per forcing period: the slow drift along the family of orbits that the motion goes through
-        [rad s-1]; NaN if it has not settled. Of a drift it is that after the double impact, fitted over the last 20 periods;
-        else that at the ends of the periods, over the last 24 or the multiple of the motion's period below.
+        Change of the axial spin per forcing period [rad s-1], the slow drift along the family of orbits that the motion
+        passes; NaN if the motion has not settled. For a drift, the spin after the double impact is fitted over the last
+        20 periods. For other modes it is the spin at the ends of the last 24 periods, in whole periods of the motion.
     longest_hop_1, longest_hop_2 : float
-        Longest time that each end is off the plate at once, of the hops that ended in those periods or go on at the
-        end [forcing periods]. From 0.5 on a ball counts as flying.
+        Longest time that each end is off the plate without a break [forcing periods], of the hops that ended in the
+        periods of `down_share_1` or go on at the end. From 0.5 on a ball counts as flying.
     change_ahead : float
-        Of a run that stopped before the periods asked for: the largest change that its numbers would still make in the
-        others, extrapolated; 0 of a run that made them all, or rests. It is relative of the orbit's radius, period, speed,
-        precession rate, of the spin of any motion, and of the angle that its heading turns by where that is more than 1 rad; it
-        is absolute of zeta [rad], impact phase [cycles] and the longest hops [forcing periods].
+        Largest change that the numbers of a run would still make in the periods that were asked for and not run,
+        extrapolated; 0 of a run that made them all, or rests. It is relative for the orbit's radius, period, speed and
+        precession rate, for the spin of any motion, and for an angle above 1 rad by which the heading turns. It is
+        absolute for zeta [rad], impact phase [cycles] and the longest hops [forcing periods].
     centre_velocity_x, centre_velocity_y : float
-        Velocity of the circle's centre relative to the plate [m/s]: the displacement from a heading to the same heading, over
-        the last whole turn, by its time. 0 on a level plate; NaN where no whole turn was made since the motion settled, or
-        since its heading turned back.
+        Velocity of the circle's centre relative to the plate [m/s]: the displacement over the last whole turn, from a
+        heading to the same heading, over its time. It is 0 on a level plate. It is NaN if no whole turn was made since
+        the motion settled, or since its heading turned back.
 
     Examples
     --------
@@ -146,7 +148,7 @@ class Run(RunNumbers):
 
     @property
     def duration(self) -> float:
-        """Time that was run [s].
+        """Time that was simulated [s].
 
         Examples
         --------
@@ -158,7 +160,9 @@ class Run(RunNumbers):
 
     @property
     def end_speed(self) -> float:
-        """Speed of the centre of mass over the floor at the end [m/s]: a dimer whose ends stay down may roll or slide on.
+        """Speed of the centre of mass over the floor at the end [m/s].
+
+        A dimer whose ends stay down may roll or slide on.
 
         Examples
         --------
@@ -170,14 +174,16 @@ class Run(RunNumbers):
         return float("nan") if self._end is None else float(np.hypot(*self._end.start[0, [CA, CB]]))
 
     def conditions(self, always: Collection[str] = CAPTION, *, tex: bool = False) -> str:
-        """The parameters of this run in words: those of the paper's captions, and all that differ from the base case.
+        """Return the parameters of this run in words.
+
+        These are the parameters in the paper's captions, and all others that differ from the base case.
 
         Parameters
         ----------
         always : collection of str
             Parameters that are named in any case.
         tex : bool
-            Whether symbols are in TeX, else in plain letters.
+            True for symbols in TeX, False for plain letters.
 
         Examples
         --------
@@ -192,7 +198,7 @@ class Run(RunNumbers):
         return f"{words}, from a given state".removeprefix(", ")
 
     def record(self, wanted: str) -> RunRecord:
-        """The kernel's rows of this run, for what is `wanted` of them.
+        """Return the kernel's record of this run; `wanted` names the result that needs it, for the error.
 
         Raises
         ------
@@ -205,7 +211,7 @@ class Run(RunNumbers):
 
     @property
     def record_cut(self) -> str:
-        """What the record lacks of the run, in words: all of it, or what is beyond its end; "" if nothing.
+        """Words for what the record lacks: the whole run, or its end; "" if it lacks nothing.
 
         Examples
         --------
@@ -222,12 +228,14 @@ class Run(RunNumbers):
 
     @cached_property
     def events(self) -> xr.Dataset:
-        """The events of the run, along `event`, in order of time.
+        """Events of the run, along `event`, in order of time.
 
-        An impact has one row for each of its contact states, all at the same time, with its own share of the impulses.
-        The velocity of a contact point that takes no part in an impact is NaN. A chatter ends where its bounces accumulate,
-        or at the next event if it comes before. A slip that ends where nothing holds it goes on in another direction: its
-        cause is slip, and not stick. Kinds, causes and contact states are flags, see `names`.
+        An impact has one row for each of its contact states, all at the same time, each with its own share of the
+        impulses. The velocity of a contact point that takes no part in an impact is NaN. A chatter ends where its
+        bounces accumulate, or at the next event if that comes before.
+
+        A slip that ends where friction cannot hold the end goes on in another direction: its cause is slip, and not
+        stick. Kinds, causes and contact states are flags, see `names`.
 
         Raises
         ------
@@ -247,9 +255,10 @@ class Run(RunNumbers):
         return events.assign_attrs(comment=f"cut: {self.record_cut}") if record.cut else events
 
     def states(self, t: Any) -> xr.Dataset:
-        """The state at any times: moved in closed form, or integrated to `rtol`, from the event before each of them.
+        """Return the states at any times.
 
-        At the time of an event it is the state right after it, and so at t = 0, where the plate hits p1.
+        Each is moved from the event before it in closed form, or integrated to `rtol`. At the time of an event it is
+        the state right after the event; so it is at t = 0, where the plate hits p1.
 
         Parameters
         ----------
@@ -259,13 +268,13 @@ class Run(RunNumbers):
         Returns
         -------
         xarray.Dataset
-            Along `time`; scalars for one time.
+            Quantities along `time`; scalars for one time.
 
         Raises
         ------
         ParameterError
-            If nothing was recorded, a time is none or outside the run, or a phase of contact before it is so long that its
-            steps are more than their bound.
+            If nothing was recorded, a time is no number or outside the run, or a phase of contact before it is so long
+            that it takes more steps than allowed.
 
         Examples
         --------
@@ -288,18 +297,19 @@ class Run(RunNumbers):
         return states if np.ndim(t) else states.isel(time=0)
 
     def energy(self, by: "By" = "period") -> xr.Dataset:
-        """The energy budget: what the plate gives, and what restitution and slip take, at each end.
+        """Return the energy budget: the work of the plate, and the losses to restitution and slip, at each end.
 
-        The plate gives by its normal force and, where it moves along itself, by friction. All terms are works on the dimer, so
-        that what takes energy is below zero. `energy` follows from the states alone, the works from the forces and the law of
-        impact (Eqs. 4, 6, 7), and ride along with the run, which is made once more for them; `residual` is what the change of
-        the one is more than the sum of the others, and the attribute `closure` tells how large it becomes. The budget begins
-        right after the impact at the start.
+        The plate gives energy by its normal force and, where it moves along itself, by friction. All terms are works on
+        the dimer: a loss is negative. `energy` follows from the states alone. The works follow from the forces and the
+        law of impact (Eqs. 4, 6, 7) and are integrated along with the run, which is made once more for them.
+
+        `residual` is the change of `energy` less the sum of the works, and the attribute `closure` says how large it
+        becomes. The budget begins right after the impact at the start.
 
         Parameters
         ----------
         by : {"period", "event"}
-            Whether the works are summed over each forcing period, along `n`, or given for each smooth phase and of each contact
+            Sum the works over each forcing period, along `n`; or give them for each smooth phase and for each contact
             state of an impact, along `part`.
 
         Returns
@@ -309,7 +319,7 @@ class Run(RunNumbers):
         Raises
         ------
         ParameterError
-            If nothing was recorded, or `by` is none of these.
+            If nothing was recorded, or `by` is another word.
 
         Examples
         --------
@@ -326,26 +336,27 @@ class Run(RunNumbers):
         return stoppable(partial(energy_of, record, by))
 
     def section(self, at: "At" = "period", *, phase: float | str | None = None) -> xr.Dataset:
-        """States at which a map can be looked at: those of the return map, of impacts, or of a phase of the plate.
+        """Return states as points of a map: of the return map, at impacts, or at a phase of the plate.
 
         Parameters
         ----------
         at : {"period", "double_impact", "landing_1", "landing_2"}
-            The start of each forcing period, and the end of the last one; right after each impact that begins with both ends
-            on the plate; right after each landing of p1 or p2, every bounce of a chatter being one that is not summed.
+            The start of each forcing period and the end of the last; right after each impact that begins with both ends
+            on the plate; right after each landing of p1 or p2. Bounces of a chatter are landings, too, but for those
+            that the run sums.
         phase : float or str, optional
-            In place of the start of a period: a phase of the plate, omega t + phi0 [rad].
+            Phase of the plate, omega t + phi0 [rad], in place of the start of a period.
 
         Returns
         -------
         xarray.Dataset
-            As `states`, along `n`: the number of forcing periods since the start, or that of the point. At an impact also
-            the rates of the gaps before it.
+            Quantities as in `states`, along `n`: the number of forcing periods since the start, or the number of the
+            impact. At impacts also the rates of the gaps before them.
 
         Raises
         ------
         ParameterError
-            If nothing was recorded, `at` is none of these, or a phase is given with an impact.
+            If nothing was recorded, `at` is another word, or a phase is given with an impact.
 
         Examples
         --------
@@ -359,11 +370,11 @@ class Run(RunNumbers):
         return section_of(self, at, phase)
 
     def go_on(self, periods: int) -> "Run":
-        """This run made longer by so many forcing periods.
+        """Return this run made longer by `periods` forcing periods.
 
-        It goes on from the state at the end of the last period, and holds the whole: n and m periods in two parts
-        are n + m at once. All of 250 random runs are so bit for bit; where a contact at that moment is undecided to the
-        accuracy, the last digits may differ within `rtol`.
+        The new part starts from the state at the end of the last period, and the result has the whole run. A run of n
+        and then m periods is a run of n + m periods: all of 250 random runs were equal bit for bit. Where a contact at
+        that moment is undecided to the accuracy, the last digits may differ within `rtol`.
 
         Parameters
         ----------
@@ -372,12 +383,12 @@ class Run(RunNumbers):
         Returns
         -------
         Run
-            Recorded if this one is.
+            It is recorded if this run is.
 
         Raises
         ------
         ParameterError
-            If the run did not reach its end, or would become too long to be recorded.
+            If this run did not reach its end, or would become too long to be recorded.
 
         Examples
         --------
@@ -396,18 +407,18 @@ class Run(RunNumbers):
         return as_run(self.parameters, self.rtol, solved, self.start)
 
     def save(self, path: str | PathLike[str], *, force: bool = False) -> Path:
-        """Write the run to one NetCDF file, from which `load_run` gives it back, exactly.
+        """Write the run to one NetCDF file, from which `load_run` reads it back exactly.
 
         Parameters
         ----------
         path : path-like
         force : bool
-            Whether an existing file may be replaced.
+            True if an existing file may be replaced.
 
         Raises
         ------
         ParameterError
-            If it does not end in .nc.
+            If `path` does not end in .nc.
         StoreError
             If the file cannot be written.
 
@@ -423,7 +434,7 @@ class Run(RunNumbers):
         return write_run(vars(self), self.events if self._record else xr.Dataset(), path, force=force)
 
     def plot(self, path: str | PathLike[str] | None = None, *, force: bool = False, **look: "Unpack[Look]") -> "Figure":
-        """Heights, orbit and phase portraits, and a picture of them at `path` if one is given; `look` as in `plots.Look`.
+        """Draw heights, orbit and phase portraits, and write the picture to `path` if given; `look` as in `plots.Look`.
 
         Raises
         ------
@@ -464,21 +475,23 @@ class Run(RunNumbers):
         Parameters
         ----------
         path : path-like
-            Ends in .gif; in .mp4 (needs ffmpeg); or in .html, for one page that plays in a browser without a network.
+            File that ends in .gif, in .mp4 (needs ffmpeg), or in .html: one page that plays in a browser without a
+            network.
         periods : int
-            Forcing periods to show; of a run that has fewer, all.
+            Forcing periods to show; all, if the run has fewer.
         speed : float
-            Seconds of the run in one of the movie [1].
+            Seconds of the run in one second of the movie [1].
         fps : int
-            Frames in one second of the movie. A GIF has at most 50; a page leaves out those that a browser has no time for.
+            Frames in one second of the movie. A GIF has at most 50. In a page the browser leaves out frames if it is
+            slow.
         slow_impacts : bool
-            Whether time runs 20 times slower around double impacts.
+            True to run 20 times slower around double impacts.
         last : bool
-            Whether the end of the run is shown, else its start.
+            True to show the end of the run, False for its start.
         dpi : int
             Dots per inch of a GIF or video of 7.2 by 3.7 inches; 600 at most.
         force : bool
-            Whether an existing file may be replaced.
+            True if an existing file may be replaced.
 
         Returns
         -------
@@ -489,7 +502,7 @@ class Run(RunNumbers):
         ParameterError
             If nothing was recorded, the run ended before a forcing period, or the movie would be too long.
         StoreError
-            If the file cannot be written, or what it needs is not installed.
+            If the file cannot be written, or a program that it needs is not installed.
 
         Examples
         --------
@@ -504,21 +517,21 @@ class Run(RunNumbers):
         return write_movie(self, path, playback, dpi, force=force)
 
     def view(self, *, periods: int = 6, last: bool = True) -> "View":
-        """The run in motion, in a notebook: the dimer on its plate, its heights, its track and its numbers.
+        """Show the run in motion, in a notebook: the dimer on its plate, its heights, its track and its numbers.
 
-        It is the page of `dimersweep explore` without its sliders, and holds all that it shows.
+        The result is the page of `dimersweep explore` without its sliders. It needs no server and no network.
 
         Parameters
         ----------
         periods : int
-            Forcing periods to show; of a run that has fewer, all.
+            Forcing periods to show; all, if the run has fewer.
         last : bool
-            Whether the end of the run is shown, else its start.
+            True to show the end of the run, False for its start.
 
         Returns
         -------
         View
-            What a notebook shows; its `html` is the page.
+            Object that a notebook shows as the page; `html` is the text of the page.
 
         Raises
         ------
@@ -537,7 +550,7 @@ class Run(RunNumbers):
         return View(page_of(self, stretch_of(self, periods, last=last), USUAL_SPEED))
 
     def error(self, t: Any = None) -> xr.Dataset:
-        """Bounds on the errors of this run, estimated with two more runs that shadow it (docs/trust.md).
+        """Estimate bounds on the errors of this run, with two more runs that shadow it (docs/trust.md).
 
         Parameters
         ----------
@@ -547,16 +560,19 @@ class Run(RunNumbers):
         Returns
         -------
         xarray.Dataset
-            Along `time`, for each quantity of `states`, a bound on its error up to then, in its unit, and `scaled`, the
-            largest of those of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (gamma: 10 and 100 of them).
-            Along `event`, the bound on the error of its time [s]; NaN for an event that a shadow lacks. `slip_undecided` is
-            the time [s] of the first double impact in which a slip passes zero and `rtol` decides whether `mu_s` holds it,
-            NaN if there is none.
+            Along `time`: for each quantity of `states`, a bound on its error up to that time, in the unit of the
+            quantity; and `scaled`, the largest bound of the coordinates and their rates. Its units are 1 cm, 0.1 m/s,
+            1 rad and 1 rad/s, for gamma 10 rad and 100 rad/s.
+
+            Along `event`: a bound on the error of the time of the event [s], NaN for an event that a shadow lacks.
+
+            `slip_undecided` is the time [s] of the first double impact in which a slip passes zero and `rtol` decides
+            whether `mu_s` holds it; NaN if there is none.
 
         Raises
         ------
         ParameterError
-            If nothing was recorded, the run did not reach its end, or a time is none or outside the run.
+            If nothing was recorded, the run did not reach its end, or a time is no number or outside the run.
 
         Examples
         --------
@@ -585,7 +601,7 @@ class Run(RunNumbers):
 
 
 def as_run(parameters: dict[str, float], rtol: float, solved: Solved, start: dict[str, float] | None) -> Run:
-    """A run from what the kernel has filled in."""
+    """Return the run that the kernel's results describe."""
     code = dict(zip(CODES, solved.codes.tolist(), strict=True))
     code |= {name: words[code[name]] for name, words in CODE_WORDS.items()}
     out = dict(zip(OUT, solved.out.tolist(), strict=True))
@@ -614,13 +630,14 @@ def simulate_checked(
     begun: dict[str, float] | None = None,
     before: Parameters | None = None,
 ) -> Run:
-    """The run that `simulate` gives for what it has checked, on scratch arrays that may be stopped.
+    """Make the run of `simulate` from checked input, on scratch arrays through which it may be stopped.
 
-    The state `begun` is that of a dimer of the parameters `before`, if there are any, as these have it.
+    `begun` is the state to start from, by its names, of a dimer of the parameters `before`, if there are any. It is
+    fitted to the shape that `parameters` give.
     """
     row, first = parameters.row(), None
     if begun is not None:
-        begun = {name: value for name, value in begun.items() if name != "phase"}  # which is phi0 now
+        begun = {name: value for name, value in begun.items() if name != "phase"}  # the phase is in phi0 by now
         shaped = parameters if before is None else replace(before, phi0=parameters.phi0)
         as_told = kernel_start(begun, shaped.given())
         first = fitted(as_told, shaped.row(), row)
@@ -630,9 +647,9 @@ def simulate_checked(
 
 
 def proven_run(call: Callable[[Workspace], Run], seconds: float | None = None) -> Run:
-    """The run that `call` makes on scratch arrays, by a kernel that is known to work; see `stoppable`."""
+    """Prove the kernel, and return the run that `call` makes on scratch arrays within `seconds`; see `stoppable`."""
     if not is_proven():
-        stoppable(lambda _: prove())  # to compile is no part of the run's time
+        stoppable(lambda _: prove())  # apart, as compilation is no part of the run's time
     run = stoppable(call, seconds)
     if run._record and run.record_cut:
         warnings.warn(f"record: is full; {run.record_cut}", RuntimeWarning, stacklevel=3)
@@ -649,12 +666,12 @@ def load_run(path: str | PathLike[str]) -> Run:
     Returns
     -------
     Run
-        With the same events and states, bit for bit, on the machine and the version that wrote it.
+        The run, with the same events and states, bit for bit, on the machine and with the version that wrote it.
 
     Raises
     ------
     StoreError
-        If there is no such file, or it is no run, or one that is damaged.
+        If there is no such file, or it is no run, or is damaged.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A run in a file: one NetCDF file that other programs read too, and that gives the run back, exactly."""
+"""Write a run to one NetCDF file that other programs read, too, and read it back exactly."""
 
 import os
 import warnings
@@ -29,14 +29,16 @@ from dimersweep.storage.outputs import TABLES, check_output
 from dimersweep.storage.provenance import attributes
 from dimersweep.symbols import FORMER_NAMES
 
-ROWS = {  # arrays of the kernel, their dimensions and meanings
+# arrays of the kernel: their dimensions and meanings
+ROWS = {
     "event_rows": (("event", "event_column"), "events as the kernel wrote them"),
     "segment_rows": (("segment", "segment_column"), "state at the start of each smooth phase, as the kernel wrote it"),
     "end_start": (("one", "start_column"), "state and friction modes at the end, from which the run goes on"),
     "end_past": (("past_row", "past_column"), "what the verdict on the mode keeps of the run"),
 }
 
-SHAPES = {  # 0 for as many as there are
+# shapes of these arrays; 0 for any length
+SHAPES = {
     "event_rows": (0, N_EVENT),
     "segment_rows": (0, N_SEGMENT),
     "end_start": (1, N_START),
@@ -54,13 +56,13 @@ def write_run(
 
 
 def _as_dataset(fields: Mapping[str, Any], events: xr.Dataset) -> xr.Dataset:
-    """A run as one dataset: its parameters and labelled events for the reader, the kernel's rows for `load_run`."""
+    """Return a run as one dataset: parameters and labelled events for the reader, rows of the kernel for `load_run`."""
     end, record = fields["_end"], fields["_record"]
     if end is None:
         raise StoreError("save: the run has no end; it was not made by simulate")
     arrays = {"end_start": end.start, "end_past": end.past}
     if record is not None:
-        # without a last row that is no event: the end of a chatter that the record does not reach (`recorded.events_of`)
+        # the last row may be the end of a chatter that the record does not reach; `recorded.events_of` drops it
         arrays |= {"event_rows": record.events[: events.sizes["event"]], "segment_rows": record.segments}
     variables = {
         name: xr.Variable(ROWS[name][0], values, {"long_name": ROWS[name][1]}) for name, values in arrays.items()
@@ -75,7 +77,7 @@ def _as_dataset(fields: Mapping[str, Any], events: xr.Dataset) -> xr.Dataset:
 
 
 def _configuration(fields: Mapping[str, Any], without_rows: list[str]) -> dict[str, Any]:
-    """Return what a run was made from, and what came out, as JSON can hold it; numbers keep every digit."""
+    """Return the parameters and the outcome of a run as JSON can hold them; numbers keep every digit."""
     return {
         **{name: fields[name] for name in ("parameters", "start", "rtol")},
         "outcome": {name: fields[name] for name in ("message", *CODES, *RUN_COLUMNS) if name != "di_end"},
@@ -87,7 +89,7 @@ def _configuration(fields: Mapping[str, Any], without_rows: list[str]) -> dict[s
 
 
 def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The fields of a `Run` that was written; see `load_run`."""
+    """Return the fields of a `Run` from its file; see `load_run`."""
     dataset = read_netcdf(Path(path))
     configuration = configuration_of(dataset, "run", Path(path))
     rows = {name: np.ascontiguousarray(dataset[name].values) for name in ROWS if name in dataset}
@@ -97,12 +99,12 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
             warnings.warn(
                 f"{line}; states between its events may differ in the last digits", RuntimeWarning, stacklevel=3
             )
-        for name in configuration.get("without_rows", ()):  # these are not written
+        for name in configuration.get("without_rows", ()):  # arrays without rows are not written
             rows[name] = np.zeros(SHAPES[name])
-        if "segment_rows" in rows:  # of an earlier version: without slips
+        if "segment_rows" in rows:  # files of earlier versions have no columns of slips
             lack = N_SEGMENT - SEGMENT_SLIP if rows["segment_rows"].shape[1:] == (SEGMENT_SLIP,) else 0
             rows["segment_rows"] = np.pad(rows["segment_rows"], [(0, 0), (0, lack)], constant_values=np.nan)
-        for name, values in rows.items():  # whose shapes the kernel trusts: it would read beyond
+        for name, values in rows.items():  # the kernel trusts these shapes: it would read beyond a shorter array
             shape = tuple(want or found for want, found in zip(SHAPES[name], values.shape, strict=True))
             if values.dtype != np.float64 or values.shape != shape:
                 raise ValueError(
@@ -114,9 +116,11 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _fields(configuration: dict[str, Any], rows: dict[str, np.ndarray]) -> dict[str, Any]:
-    """The fields of a run, from its configuration and the rows of the kernel."""
-    parameters = updated(configuration["parameters"], {})  # earlier versions wrote e beside e_1 and e_2
-    start, orbit = configuration["start"], configuration["orbit"]  # and called gamma spin, and spin spin_rate
+    """Return the fields of a `Run` from its configuration and the rows of the kernel."""
+    # earlier versions wrote e beside e_1 and e_2
+    parameters = updated(configuration["parameters"], {})
+    # earlier versions called gamma spin, and spin spin_rate
+    start, orbit = configuration["start"], configuration["orbit"]
     start = start and {FORMER_NAMES.get(name, name): value for name, value in start.items()}
     orbit = orbit and Orbit(**{"spin" if name == "spin_rate" else name: value for name, value in orbit.items()})
     row = Parameters(**parameters).row()

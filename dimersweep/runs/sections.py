@@ -1,4 +1,4 @@
-"""Sections of a recorded run: the moments at which its states are points of a map."""
+"""Compute sections of a recorded run: its states at the moments that make them points of a map."""
 
 from math import tau
 from typing import Literal, get_args
@@ -16,7 +16,7 @@ SECTIONS: tuple[str, ...] = get_args(At)
 
 
 def section_of(run: SeenRun, at: At, phase: float | str | None) -> xr.Dataset:
-    """The states of a run at the moments of a section; see `Run.section`."""
+    """Return the states of a run at the moments of a section; see `Run.section`."""
     if at not in SECTIONS:
         raise ParameterError(f"at = {at!r}: must be one of {', '.join(SECTIONS)}")
     if phase is not None and at != "period":
@@ -43,9 +43,10 @@ def section_of(run: SeenRun, at: At, phase: float | str | None) -> xr.Dataset:
 
 
 def impacts_at(events: xr.Dataset, at: str) -> np.ndarray:
-    """Numbers of the first rows of those impacts that begin with both ends on the plate, or in which an end lands.
+    """Return the numbers of the first rows of impacts that begin with both ends on the plate, or in which an end lands.
 
-    An end that lands is in the air before the first row; in a later row of the same impact it may come back after a rebound.
+    An end that lands is in the air before the first row. In a later row of the same impact it may come back after a
+    rebound.
     """
     events = names(events)
     (rows,) = np.nonzero((events["cause"] == "impact").values)

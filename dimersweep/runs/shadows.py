@@ -1,13 +1,13 @@
-"""How sure a run is, from shadows of it: the same run at another accuracy, or from a start beside the given one.
+"""Estimate how sure a run is, from its shadows: the same run at another accuracy, or from a start beside the given one.
 
-The error of a recorded run is how far its shadows come out elsewhere. It falls in proportion to rtol, and the time of a run
-grows by a tenth for a digit, so that the difference to a much finer run is the error itself, but for a per cent. The nudged
-shadow adds what rounding has grown to, which a finer rtol does not cure.
+The error of a recorded run is estimated by the differences of its shadows. It falls in proportion to rtol, and the time
+of a run grows by a tenth for a digit. So the difference to a much finer run is the error itself, but for a per cent. A
+shadow from a nudged start adds what rounding has grown to, which a finer rtol does not cure.
 
-A verdict has two shadows: the run with more digits, and the run with fewer from a start beside it. Where one of them comes
-to another mode, a change of verdict is that near. Where both come to the same mode but settle in another period, the
-transient was another one, and the mode is luck. A motion that has not settled has no certain verdict: chaos may end after
-any time.
+A verdict has two shadows: one run with more digits, and one with fewer digits from a start beside it. If one of them
+comes to another mode, a change of the verdict is that near. If both come to the same mode but settle in another period,
+their transients were others, and the mode is luck. A motion that has not settled has no certain verdict: chaos may end
+after any time.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,15 +42,15 @@ from dimersweep.runs.solving import RunSettings, run_all_patiently
 from dimersweep.symbols import EVENT_QUANTITIES, START, STATE_QUANTITIES
 
 FINEST_SHADOW, COARSEST_SHADOW = RTOL_RANGE
-SHADOW_FINER = 1e-2  # rtol of a shadow over that of the run
-# rtol of a shadow over that of the run where nothing much finer is to be had: then the error of the shadow itself, ten times
-# that of the run, is the difference
+SHADOW_FINER = 1e-2  # rtol of a shadow over that of the run: its own error is 1 % of the difference
+# rtol of a shadow over that of the run if no much finer run is possible: the difference is then the error of the
+# shadow, ten times that of the run
 SHADOW_COARSER = 10.0
-LOOSER, LOOSE = 1e2, 1e-6  # rtol of a verdict's second shadow over that of the run, and its least
+LOOSER, LOOSE = 1e2, 1e-6  # rtol of a verdict's second shadow over that of the run, and the least such rtol
 NUDGE = 1e-4  # change of the start over rtol: far below the error of the run, far above round-off
 SAFETY = 10.0  # bound over difference: two runs can be alike by chance
-PARTED = 1e2  # growth of a bound between two times that no motion without a parting has
-LEAST_ERROR = 1e-12  # what no number is known better than, in its scale
+PARTED = 1e2  # growth of a bound from one time to the next that only a parting of run and shadow makes
+LEAST_ERROR = 1e-12  # least bound on an error, in units of `ERROR_SCALES`: no number is known better
 CERTAIN, UNSURE, CHANGED = 1, 2, 3  # codes of ``cube.FLAGS["confidence"]``
 SETTLED_MODES = (*BOTH_DOWN, M_DRIFT, M_JUMP, M_FLUTTER, M_PERIOD_N)
 ORBIT = tuple(range(N_ORBIT))
@@ -60,16 +60,20 @@ ERROR_SCALES = {
     for name, quantity in STATE_QUANTITIES.items()
     if quantity.units in _BY_UNIT and name not in ("plate", "phase")
 }
-ERROR_SCALES |= {"gamma": 10.0, "gamma_rate": 100.0}  # the ball turns as many times as fast as the rod is long
+# larger for the spinning angle: a ball that rolls turns faster than the rod, by l/r, which is ten in the base case
+ERROR_SCALES |= {"gamma": 10.0, "gamma_rate": 100.0}
 COORDINATES = ("x1", "y1", "gap_1", "theta", "beta", "gamma")
 CLOSED_STATE = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
-SORT = ["cause", "kind", "which"]  # of an event
+SORT = ["cause", "kind", "which"]  # columns that two events must share to be compared
 
 
 def starts_beside(
     rtol: float, parameters: Mapping[str, float], start: Mapping[str, float] | None
 ) -> tuple[float, list[tuple[dict[str, float], dict[str, float] | None]]]:
-    """Accuracy of the shadows of a run with accuracy `rtol`, and where they start: as it does, and beside it."""
+    """Return the accuracy of the shadows of a run, and their two starts: that of the run, and one beside it.
+
+    `rtol` is the accuracy of the run, `start` its state to start from; it is None if `parameters` give the start.
+    """
     by = NUDGE * rtol
     given = {name: value for name, value in parameters.items() if start is None or name not in START}
     as_it = None if start is None else dict(start)
@@ -77,31 +81,35 @@ def starts_beside(
 
 
 def shadow_rtol(rtol: float) -> float:
-    """Accuracy of the shadows of a run with accuracy `rtol`."""
+    """Return the accuracy of the shadows of a run with accuracy `rtol`."""
     return SHADOW_FINER * rtol if SHADOW_FINER * rtol >= FINEST_SHADOW else SHADOW_COARSER * rtol
 
 
 def nudged(given: Mapping[str, Any], by: float) -> dict[str, Any]:
-    """Parameters, numbers or columns, with the plate later by `by` radians, `beta0` less and rates more by that share."""
+    """Return parameters, numbers or columns, of a start beside the given one.
+
+    The plate is later by `by` radians, `beta0` is smaller and all rates are larger by the share `by`.
+    """
     moved = moved_on(given, by)
     changed = {name: 1 - by if name == "beta0" else 1 + by for name in START if name != "theta0"}
     return moved | {name: given[name] * factor for name, factor in changed.items() if name in given}
 
 
 def nudged_state(start: Mapping[str, float], by: float) -> dict[str, float]:
-    """A state to start from, with those rates more by the share `by` that no contact ties."""
+    """Return a state to start from in which the rates that no contact ties are larger by the share `by`."""
     faster = ("x1_rate", "y1_rate", "theta_rate", "gamma_rate")
     return {name: value * (1 + by if name in faster else 1.0) for name, value in start.items()}
 
 
 def pairs(events: xr.Dataset, others: xr.Dataset, T: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of two event lists that are the same event: of one cause and kind, and each the other's nearest in time.
+    """Match the events of two lists: pairs of one cause and kind, each the other's nearest in time.
 
-    Events that are further apart than half the way to the next of their sort, or half a forcing period `T`, are not the same.
+    No pair is further apart than half the way to the next event of its sort, or half a forcing period `T`.
 
     Returns
     -------
     rows, other_rows : ndarray, shape (n,), int
+        Rows of the pairs in `events` and in `others`.
     """
     ours, theirs = _sorted_out(events, T), _sorted_out(others, T)
     near = {"on": "time", "by": SORT, "direction": "nearest", "suffixes": ("", "_there")}
@@ -114,7 +122,11 @@ def pairs(events: xr.Dataset, others: xr.Dataset, T: float) -> tuple[np.ndarray,
 
 
 def _sorted_out(events: xr.Dataset, T: float) -> pd.DataFrame:
-    """Events with their rows, which of its sort each is at its time, and the way to the next of its sort, `T` at most."""
+    """Return a table of events with their rows and their `room`.
+
+    `which` counts the events of one cause and kind at one time. `room` is the time to the nearest event of the same
+    sort, at most `T` [s].
+    """
     table = events[["time", "cause", "kind"]].to_dataframe().reset_index(drop=True)
     table["which"] = table.groupby(["time", "cause", "kind"]).cumcount()
     times = table.groupby(SORT)["time"]
@@ -123,7 +135,10 @@ def _sorted_out(events: xr.Dataset, T: float) -> pd.DataFrame:
 
 
 def difference(run: SeenRun, other: SeenRun, times: np.ndarray) -> dict[str, np.ndarray]:
-    """How far the states of two runs are apart: each quantity of `ERROR_SCALES`, shape (n,), or inf if `other` failed."""
+    """Return the distance of the states of two runs at `times`, for each quantity of `ERROR_SCALES`, shape (n,).
+
+    All are inf if `other` failed.
+    """
     if other.status != "ok":
         return dict.fromkeys(ERROR_SCALES, np.full(times.size, np.inf))
     ours, theirs = run.states(times), other.states(times)
@@ -131,7 +146,10 @@ def difference(run: SeenRun, other: SeenRun, times: np.ndarray) -> dict[str, np.
 
 
 def delays(run: SeenRun, other: SeenRun) -> np.ndarray:
-    """How far the events of two runs are apart in time [s], one for each event of `run`; NaN where `other` lacks it."""
+    """Return the distance in time of each event of `run` from the same event of `other` [s].
+
+    It is NaN where `other` lacks the event.
+    """
     rows, other_rows = pairs(run.events, other.events, 1 / run.parameters["f"])
     apart = np.full(run.events.sizes["event"], np.nan)
     apart[rows] = np.abs(run.events["time"].values[rows] - other.events["time"].values[other_rows])
@@ -139,28 +157,28 @@ def delays(run: SeenRun, other: SeenRun) -> np.ndarray:
 
 
 def scaled(errors: dict[str, np.ndarray]) -> np.ndarray:
-    """The largest of the errors of the closed state in units of 1 cm, 0.1 m/s, 1 rad and 1 rad/s (gamma: 10 and 100)."""
+    """Return the largest error of the coordinates and their rates (`CLOSED_STATE`), in units of `ERROR_SCALES`."""
     return np.max([errors[name] / ERROR_SCALES[name] for name in CLOSED_STATE], axis=0)
 
 
 def bounds(run: SeenRun, shadows: Sequence[SeenRun], times: np.ndarray, T: float) -> xr.Dataset:
-    """Estimated bounds on the errors of a run, see `Run.error`.
+    """Estimate bounds on the errors of a run from its shadows, see `Run.error`.
 
     Parameters
     ----------
     run : SeenRun
-        Recorded.
+        A recorded run.
     shadows : sequence of SeenRun
-        The same run otherwise computed. Where one failed, no bound is known: inf.
+        The same run computed otherwise. If one of them failed, no bound is known, and all are inf.
     times : ndarray, shape (n,)
-        Increasing [s].
+        Times since the start, increasing [s].
     T : float
         Forcing period [s].
     """
     apart = [difference(run, shadow, times) for shadow in shadows]
     variables: dict[str, Any] = {}
     for name, scale in ERROR_SCALES.items():
-        # what two runs happen to share for a moment is no less in error: the largest difference so far counts
+        # two runs may agree for a moment by chance: the largest difference so far counts
         bound = SAFETY * np.maximum.accumulate(np.max([errors[name] for errors in apart], axis=0))
         meaning = f"bound on the error: {STATE_QUANTITIES[name].long_name}"
         attributes = {"units": STATE_QUANTITIES[name].units, "long_name": meaning}
@@ -182,10 +200,11 @@ def bounds(run: SeenRun, shadows: Sequence[SeenRun], times: np.ndarray, T: float
 
 
 def _parting(run: SeenRun, late: np.ndarray, total: np.ndarray, times: np.ndarray) -> float:
-    """Return the time of the double impact in which the hold of a slip that passes zero parts the run from a shadow [s].
+    """Return the time of the double impact that parts the run from a shadow [s]; NaN if there is none.
 
-    Such a hold takes a stick friction above the slip friction. Events that only one of both has may be hops of a chatter,
-    which end nothing: after a parting the errors are other ones.
+    There a slip passes zero, and friction holds it in one of them alone. This takes a stick friction above the slip
+    friction. Events that only one of the two has may also be hops of a chatter, which part nothing: after a parting the
+    errors grow at once.
     """
     holds = any(value_of(f"mu_s_{end}", run.parameters) > value_of(f"mu_{end}", run.parameters) for end in (1, 2))
     both_hit = np.char.startswith(names(run.events)["kind"].values.astype(str), "DI")
@@ -199,16 +218,16 @@ def _parting(run: SeenRun, late: np.ndarray, total: np.ndarray, times: np.ndarra
 def certified(
     rows: np.ndarray, how: RunSettings, out: np.ndarray, codes: np.ndarray, space: Workspace | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Confidence in the verdicts of points, and the error of their orbits.
+    """Judge the verdicts of points by shadows: the confidence in their modes, and the errors of their orbits.
 
     Parameters
     ----------
     rows : ndarray, shape (n, N_ROW), float64
-        The points.
+        Kernel rows of the points.
     how : RunSettings
-        What they were run with: the shadows are made as they were, but for the accuracy.
+        Settings of their runs. The shadows have the same, but for the accuracy.
     out, codes : ndarrays, shapes (n, N_OUT), (n, N_CODES)
-        Their results.
+        Results of their runs.
     space : Workspace, optional
         Scratch arrays.
 
@@ -217,13 +236,14 @@ def certified(
     confidence : ndarray, shape (n,), int64
         CERTAIN, UNSURE or CHANGED.
     error : ndarray, shape (n,), float64
-        Largest relative difference of an orbit's quantities (of zeta and the impact phase: absolute) to those with more
-        digits; NaN where the mode is not drift for both.
+        Largest relative difference of an orbit's quantities from those with more digits; for zeta and the impact phase
+        the absolute difference. NaN where the mode is not drift in both runs.
     """
     confidence = np.where(np.isin(codes[:, CODE_MODE], SETTLED_MODES), CERTAIN, UNSURE)
     error = np.full(len(rows), np.nan)
     finer = max(SHADOW_FINER * how.rtol, FINEST_SHADOW)
     looser = min(max(LOOSER * how.rtol, LOOSE), COARSEST_SHADOW)
+    # the finer shadow starts aside by no more than round-off, the looser one by its own accuracy
     for shadow_rtol, nudge in ((finer, LEAST_ERROR), (looser, looser)):
         left = np.flatnonzero(confidence == CERTAIN)
         moved = nudged(dict(zip(ROW, rows[left].T, strict=True)), nudge)
@@ -236,22 +256,26 @@ def certified(
 
 
 def compared(results: tuple[np.ndarray, np.ndarray], shadow: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """CERTAIN, UNSURE or CHANGED, for points with these results, given those of their shadows; shape (n,)."""
+    """Return CERTAIN, UNSURE or CHANGED for points with these results and those of their shadows; shape (n,)."""
     (out, codes), (other_out, other_codes) = results, shadow
     ended = codes[:, CODE_N_PERIODS] == other_codes[:, CODE_N_PERIODS]
     after, other_after = (numbers[:, OUT.index("settled_after")] for numbers in (out, other_out))
-    alike = ended & ((after == other_after) | np.isnan(after))  # what rests has no period that it settled in
+    # NaN: a motion at rest has no period in which it settled
+    alike = ended & ((after == other_after) | np.isnan(after))
     return np.where(codes[:, CODE_MODE] != other_codes[:, CODE_MODE], CHANGED, np.where(alike, CERTAIN, UNSURE))
 
 
 def orbit_difference(out: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Largest difference of the orbits of two sets of results, shape (n,); NaN where one has none, or one alone is straight."""
+    """Return the largest difference of the orbits of two sets of results, shape (n,), in the sense of `certified`.
+
+    It is NaN where one result has no orbit, or where only one path is straight.
+    """
     ours, theirs = out[:, ORBIT], other[:, ORBIT]
     apart = np.abs(ours - theirs)
-    apart[:, V_PHASE] = np.minimum(apart[:, V_PHASE], 1 - apart[:, V_PHASE])  # round the cycle
+    apart[:, V_PHASE] = np.minimum(apart[:, V_PHASE], 1 - apart[:, V_PHASE])  # a phase of 1 is that of 0
     scale = np.where(ours == 0.0, np.abs(theirs), np.abs(ours))
     scale[:, [V_ZETA, V_PHASE]] = 1.0
     straight = np.isnan([ours[:, V_RADIUS], theirs[:, V_RADIUS]]).all(0) & np.isfinite(ours[:, V_ZETA])
-    apart[np.ix_(straight, [V_RADIUS, V_PERIOD])] = 0.0  # neither path has them
+    apart[np.ix_(straight, [V_RADIUS, V_PERIOD])] = 0.0  # two straight paths have neither
     scale[apart == 0.0] = 1.0  # both may be 0, as the precession rate of a straight path
     return np.asarray(np.max(apart / scale, axis=1))

@@ -1,4 +1,4 @@
-"""Parameters in, a run out."""
+"""Simulate one run from its parameters."""
 
 from collections.abc import Mapping
 from math import remainder, tau
@@ -32,27 +32,30 @@ def simulate(
     Parameters
     ----------
     start : mapping of str to float, xarray.Dataset, or Run, optional
-        State to start from, in place of `beta0`, `xdot0` and the other parameters of a start: values by the names of
-        `Run.states` (what is not given is zero, and the lower end on the plate), one time of it, one point of `Run.section`,
-        or a run whose end it is. Or one point of a cube: the run behind it. All but a mapping bring the parameters of their
-        run, and those that are given take their place; where these change the dimer's shape, its lower end stays where it is.
-        The plate is that of the parameters, moved on to the `phase` of the state, which is the `phi0` of the new run.
+        State to start from, in place of `beta0`, `xdot0` and the other parameters of a start. A mapping has values by
+        the names of `Run.states`; values that are not given are zero, and the lower end is on the plate. A dataset is
+        one time of `Run.states` or one point of `Run.section`; a run stands for its end. One point of a cube stands for
+        the parameters of the run behind it.
+
+        All but a mapping bring the parameters of their run, and parameters that are given replace them. Where these
+        change the dimer's shape, its lower end stays in place. The plate is moved on to the `phase` of the state, which
+        is the `phi0` of the new run.
     periods : int
         Forcing periods to run.
     rtol : float
         Accuracy of everything at once [1], 1e-13 to 1e-2.
     stop_when_settled : bool
-        Whether the run ends as soon as its motion has settled and its numbers stand: in the periods that are left they
+        True to end the run as soon as its motion has settled and its numbers stand: in the periods that are left they
         would change by less than 1e-3 (docs/stopping.md).
     record : bool
-        Whether events and states are kept, of at most 100,000 forcing periods; without them a run takes no memory and less
-        time. A record of more than 2 million events is cut there, which `Run.events` and a warning say.
+        True to record events and states, of at most 100,000 forcing periods. Without them a run takes no memory and
+        less time. A record of more than 2 million events is cut there; a warning and `Run.events` say so.
     max_seconds : float or str, optional
-        Bound on the time that the run takes [s], or such as "5 min". One that is stopped so has the status "stopped", the
-        `n_periods` that it came to, and the events and states up to there.
+        Bound on the time that the run takes [s], or a text such as "5 min". A run that reaches it has the status
+        "stopped", the `n_periods` completed by then, and the events and states up to there.
     **parameters : float or str
-        Parameters of the model in SI units, each by its name, as below, or what is given in place of some, see `Parameters`; an
-        angle may be a text such as "16 deg", a length one such as "2 mm".
+        Parameters of the model by their names, in SI units, as below, or quantities in place of some, see `Parameters`.
+        An angle may be a text such as "16 deg", a length a text such as "2 mm".
 
     Returns
     -------
@@ -98,7 +101,10 @@ simulate.__doc__ = listed(simulate.__doc__ or "")
 
 
 def _with_start(given: Mapping[str, Any], known: Mapping[str, float], start: Mapping[str, float]) -> Parameters:
-    """The parameters of a run that starts from a state: those that it brings but for those given, at its phase."""
+    """Return the parameters of a run from a state: the `known` ones of the state, with `given` ones in their place.
+
+    If the state has a phase, the plate is moved on to it.
+    """
     for name in START:
         if given.get(name) is not None:
             raise ParameterError(f"{name}: given together with start, which holds it; leave one out")

@@ -1,4 +1,4 @@
-"""How runs are made: their length and accuracy, one run with its record and its end, many that are given time to settle."""
+"""Make runs of given length and accuracy: one run with its record and its end, or many runs until they settle."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -32,16 +32,19 @@ from dimersweep.kernel.record import Record, new_record, no_record, rows_of, was
 from dimersweep.kernel.verdict.past import PAST_SHAPE
 from dimersweep.runs.recorded import RunRecord
 
-SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))  # these use all periods they are given
-RECORD_ROWS, ROWS_PER_PERIOD, RECORD_GROWTH = 500, 100, 4  # capacity of a record: about twice what a drift takes
-MAX_ROWS = 2_000_000  # of events and of segments each, 0.7 GB in all
-MAX_RECORDED = 100_000  # forcing periods: those of a drift fit
-CYCLIC = (X1, Y1, GAMMA, PERIOD)  # slots of a state that no later state depends on
+# bits of the modes whose runs use all the periods that they may
+SLOW_MODES = sum(1 << mode for mode in (M_FAILED, M_APERIODIC, M_UNRESOLVED))
+# rows of a record at first, rows more for each period, and growth where too few: about twice the rows of a drift
+RECORD_ROWS, ROWS_PER_PERIOD, RECORD_GROWTH = 500, 100, 4
+MAX_ROWS = 2_000_000  # most rows of events, and of segments: 0.7 GB in all
+MAX_RECORDED = 100_000  # most forcing periods that are recorded: those of a drift fit into MAX_ROWS
+CYCLIC = (X1, Y1, GAMMA, PERIOD)  # slots of a state that no later motion depends on
+# words of the refusal of a longer record
 IN_PYTHON = "a run whose events and states are recorded; give record=False for one without them"
 
 
 def check_recorded(periods: int, which: str = IN_PYTHON) -> None:
-    """Refuse to record more forcing periods than memory and patience hold.
+    """Refuse to record more than `MAX_RECORDED` forcing periods; `which` says in the message what is recorded.
 
     Raises
     ------
@@ -52,15 +55,15 @@ def check_recorded(periods: int, which: str = IN_PYTHON) -> None:
 
 
 class RunSettings(NamedTuple):
-    """How long and how accurate the runs of points are; see `run_patiently`."""
+    """Settings of the runs of points: how long and how accurate they are; see `run_patiently`."""
 
     periods: int  # forcing periods of the first run of a point
-    max_periods: int  # and of the longest
+    max_periods: int  # forcing periods of the longest run of a point
     rtol: float  # accuracy [1]
-    stop_when_settled: bool = True  # whether a run ends as soon as its motion has settled and its numbers stand
+    stop_when_settled: bool = True  # True if a run ends as soon as its motion has settled and its numbers stand
 
     def lengths(self) -> Iterator[int]:
-        """Forcing periods of the runs of a point that does not settle, one after the other: each twice those before."""
+        """Yield the forcing periods of the runs of a point that does not settle: each twice those of the run before."""
         periods = self.periods
         yield periods
         while periods < self.max_periods:
@@ -68,19 +71,22 @@ class RunSettings(NamedTuple):
             yield periods
 
     def cost(self, n_periods: int) -> int:
-        """Forcing periods of all runs of a point whose last one has taken so many: it went on where those before ended."""
+        """Return the forcing periods that all runs of a point have taken, if its last run has taken `n_periods`.
+
+        The runs before that one were made to their full lengths, as they had not settled.
+        """
         return n_periods + sum(length for length in self.lengths() if length < n_periods)
 
 
 def exactly(periods: int, rtol: float) -> RunSettings:
-    """Settings of runs of so many forcing periods, whether or not their motions settle."""
+    """Return settings of runs of so many forcing periods, whether or not their motions settle."""
     return RunSettings(periods, periods, rtol, stop_when_settled=False)
 
 
 def run_settings(
     *, periods: int, max_periods: int | None = None, rtol: float = 1e-8, stop_when_settled: bool = True
 ) -> RunSettings:
-    """Settings of runs from what a user gives, see `sweep`.
+    """Return settings of runs from a user's values, checked; see `sweep`.
 
     Raises
     ------
@@ -98,14 +104,14 @@ def run_settings(
 
 
 class RunEnd(NamedTuple):
-    """Where a run has ended: what the kernel needs to go on.
+    """End of a run: the arrays from which the kernel makes the run longer.
 
     Attributes
     ----------
     start : ndarray, shape (1, N_START)
-        State and friction modes.
+        State and friction modes at the end.
     past : ndarray, shape PAST_SHAPE
-        What the verdict keeps of the run.
+        Numbers of the run that the verdict on its mode needs.
     """
 
     start: np.ndarray
@@ -113,7 +119,7 @@ class RunEnd(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """What the kernel gives of one run.
+    """Results of the kernel for one run.
 
     Attributes
     ----------
@@ -121,9 +127,9 @@ class Solved(NamedTuple):
     record : RunRecord or None
     end : RunEnd
     cost : int
-        Forcing periods that were run.
+        Forcing periods that were run, shorter runs of the point included.
     start : ndarray, shape (1, N_START), or None
-        State and friction modes that it started from; None for the start of its parameters.
+        State and friction modes from which the run started; None if its parameters gave the start.
     """
 
     out: np.ndarray
@@ -135,7 +141,10 @@ class Solved(NamedTuple):
 
     @property
     def onward(self) -> np.ndarray | None:
-        """The start of the run that its state is carried to: where it has ended, or its own if it did not reach its end."""
+        """State and friction modes for the start of the next run on a line, shape (1, N_START).
+
+        It is the end of the run, with cyclic coordinates at 0. If the run failed it is its own start, None included.
+        """
         if self.codes[CODE_STATUS] != OK:
             return self.start
         end = self.end.start.copy()
@@ -152,23 +161,24 @@ def run_row(
     record: bool = False,
     past: np.ndarray | None = None,
 ) -> Solved:
-    """One point, made anew for twice as many periods until it has settled, as `how` says; the last of these runs.
+    """Run one point, anew for twice as many periods until it has settled, as `how` says; return the last run.
 
-    A record that turns out too small is taken again with more rows (a run is deterministic). One of more than `MAX_ROWS` is
-    cut: the whole run is then made without it.
+    A record that turns out too small is made again with more rows, as a run is deterministic. A record of more than
+    `MAX_ROWS` is cut; the whole run is then made without a record.
 
     Parameters
     ----------
     row : ndarray, shape (N_ROW,)
     start : ndarray, shape (1, N_START), optional
-        In place of the start in `row`.
+        State and friction modes, in place of the start in `row`.
     how : RunSettings
-        Its periods count those before `start`.
+        Settings. If the run continues another one, its periods include those of that run.
     space : Workspace
-        Scratch arrays, which may be stopped.
+        Scratch arrays, through which the run may be stopped.
     record : bool
+        True to record events and states.
     past : ndarray, optional
-        Of the run that goes on.
+        `RunEnd.past` of the run that this one continues.
 
     Raises
     ------
@@ -208,12 +218,15 @@ def run_row(
 def go_on(
     row: np.ndarray, end: RunEnd, n_events: int, record: RunRecord | None, how: RunSettings, space: Workspace
 ) -> Solved:
-    """More of a run that has ended after `n_events` events with `record`: the whole of it, for the periods of `how` in all."""
+    """Make a run longer that has ended in `end`, after `n_events` events and with `record`; return the whole of it.
+
+    The periods of `how` are those of the whole run.
+    """
     more = run_row(row, end.start, how, space, record=record is not None, past=end.past)
     more.codes[CODE_N_EVENTS] += n_events
     if record is None or more.record is None:
         return more
-    # what was noted where the two parts meet, an end and a start, is no event
+    # the rows where the two parts meet, an end and a start, are no events of the whole run
     begun = int(more.record.events[0, E_CAUSE] == C_START)
     events = np.concatenate([record.events[:-1], more.record.events[begun:]])
     segments = np.concatenate([record.segments[:-1], more.record.segments[begun:]])
@@ -221,9 +234,9 @@ def go_on(
 
 
 def with_works(record: RunRecord, space: Workspace) -> tuple[RunRecord, Book]:
-    """A recorded run once more, with the works of its forces: its record, and the book beside that.
+    """Make a recorded run once more, with the works of its forces; return its record, and the works in a `Book`.
 
-    What stands in the book rides along, and changes nothing of the run. One whose start is not known is made from its first
+    The works are integrated along and change nothing of the run. A run whose start is unknown is made from its first
     smooth phase on, so that its last digits may differ.
     """
     events, segments = record.events, record.segments
@@ -246,19 +259,19 @@ def run_patiently(
 ) -> int:
     """Run points as `run_many` does, up to the first that has not settled; that one again for twice as long, and so on.
 
-    A longer run starts anew: what comes out depends on the point alone. Most motions settle soon, and those that ring down
-    slowly are too few to be given all they may need at once.
+    A longer run starts anew, so that the result depends on the point alone. Most motions settle soon; those that ring
+    down slowly are too few to give all points the longest time at once.
 
     Parameters
     ----------
     rows, out, codes, until, space
-        See ``kernel.batch.run_rows``.
+        As in ``kernel.batch.run_rows``.
     how : RunSettings
 
     Returns
     -------
     int
-        Number of points made.
+        Number of points that were run; their results are in `out` and `codes`.
     """
     rtol, settle = how.rtol, how.stop_when_settled
 
@@ -270,16 +283,16 @@ def run_patiently(
         if not made or codes[made - 1, CODE_MODE] != M_UNRESOLVED:
             break
         if not run_many(rows[last], more, rtol, settle, out[last], codes[last], until=until, space=space):
-            return made - 1  # it was stopped
+            return made - 1  # the work was stopped within this point
     return made
 
 
 def run_all_patiently(
     rows: np.ndarray, how: RunSettings, space: Workspace | None = None, until: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Results of all points by `run_patiently`: `out` and `codes`, blank from where the work was stopped.
+    """Run all points by `run_patiently`; return `out` and `codes`, blank from the point where the work was stopped.
 
-    The first run with one of the modes in `until` is the last one made.
+    `until` has the bits of modes: the first run that comes to one of them is the last one made.
     """
     out, codes = blank(len(rows))
     done, made = 0, 1

@@ -1,4 +1,4 @@
-"""A run that starts from any state: the names of `Run.states` to the kernel's state, and what a start may be."""
+"""Start a run from any state: check what a user gives as a start, and convert it to the kernel's state."""
 
 from collections.abc import Mapping
 from inspect import Parameter, Signature, cleandoc
@@ -17,12 +17,13 @@ from dimersweep.kernel.numerics.elementary import sine_and_cosine
 from dimersweep.parameters import dimer_from
 from dimersweep.symbols import BASE, FORMER_NAMES, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, STAND_INS, STATE_QUANTITIES
 
-CLOSED_GAP = 1e-12  # a gap this far below zero is a closed one [m]
-GAPS_AGREE = 1e-9  # how well the gaps of a start must agree with its dip angle, in units of the distance of the balls
+CLOSED_GAP = 1e-12  # size below which a gap counts as closed [m]: round-off of heights; more below zero is refused
+# greatest disagreement of the gaps of a start with its dip angle, in units of the distance of the balls
+GAPS_AGREE = 1e-9
 
 
 def start_of(start: Any) -> dict[str, float]:
-    """What a start says, as numbers by the names of `STATE_QUANTITIES`.
+    """Return a start as numbers in SI units, by the names of `STATE_QUANTITIES`.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ def start_of(start: Any) -> dict[str, float]:
     Raises
     ------
     ParameterError
-        If a name is unknown, or a value is no finite number, or there are several times.
+        If a name is unknown, a value is no finite number, or the dataset has several times.
     """
     for name in FORMER_NAMES:
         if isinstance(start, xr.Dataset | Mapping) and name in start:
@@ -54,33 +55,34 @@ def start_of(start: Any) -> dict[str, float]:
 
 
 def _one(name: str, variable: Any) -> float:
+    """Return the single value of a variable of a start, in its SI unit; raise `ParameterError` if there are several."""
     if variable.size != 1:
         raise ParameterError(f"start.{name}: has {variable.size} values; give one time, such as states.isel(time=-1)")
     return as_number(f"start.{name}", variable.squeeze(), STATE_QUANTITIES[name].units)
 
 
 def is_point(start: Any) -> TypeGuard[xr.Dataset]:
-    """Whether `start` is one point of a cube, which gives parameters in place of a state."""
+    """Return True if `start` is one point of a cube, which gives parameters in place of a state."""
     return isinstance(start, xr.Dataset) and "mode" in start and "gap_1" not in start
 
 
 def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) -> np.ndarray:
-    """The kernel's state of a start, shape (1, N_START), float64, at the start of a forcing period.
+    """Return the kernel's state of a start, shape (1, N_START), float64, at the start of a forcing period.
 
-    What is not given is zero; a gap that is not given is that of a dimer which touches the plate. Gaps and their rates
-    count, and heights only where those are missing.
+    Values that are not given are zero. If no gap is given, the dimer touches the plate. Gaps and their rates count
+    first, and heights only where these are missing.
 
     Parameters
     ----------
     start : mapping
-        See `start_of`; its `phase` is the matter of `parameters`.
+        Values by the names of `STATE_QUANTITIES`, see `start_of`. The `phase` is ignored: it is in `parameters`.
     parameters : mapping
-        Of the run: its plate and its dimer.
+        Parameters of the run, with its plate and its dimer.
 
     Raises
     ------
     ParameterError
-        If the dip angle is no less than a right one, a gap is negative, or the gaps do not go with it.
+        If the dip angle is not below a right angle, a gap is negative, or the gaps contradict the dip angle.
     """
     beta = start.get("beta", 0.0)
     if not abs(beta) < pi / 2:
@@ -92,7 +94,7 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
     u, v = start.get("x1_rate", 0.0), start.get("y1_rate", 0.0)
     rise_rate = start["z1_rate"] - float(motion(dm, dm.phi0)[1]) if "z1_rate" in start else 0.0
     (sin_b, cos_b), (sin_t, cos_t) = map(sine_and_cosine, (beta, theta))
-    # the latter of ball 1 from the centre of mass, along the heading
+    # turn rate of the axis across the heading; distance of ball 1 from the centre of mass along the heading
     across, away = theta_rate * cos_b, dm.p1.h * cos_b
     state = State(
         0.0,
@@ -113,7 +115,10 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
 
 
 def _gaps(start: Mapping[str, float], dm: Dimer, rise: float) -> tuple[float, float]:
-    """Gaps of p1 and p2 [m]; p2 is higher by `rise`."""
+    """Return the gaps of p1 and p2 [m] from a start; the gap of p2 is larger by `rise`.
+
+    Gaps smaller than `CLOSED_GAP` become 0.
+    """
     lowest = max(0.0, -rise)
     if "z1" in start or "z" in start:
         centre = start["z1"] if "z1" in start else start["z"] + dm.p1.h * (dm.sin_0 + rise / dm.l)
@@ -128,14 +133,17 @@ def _gaps(start: Mapping[str, float], dm: Dimer, rise: float) -> tuple[float, fl
 
 
 def _both(start: Mapping[str, float], name: str, apart: float, otherwise: float) -> tuple[float, float]:
-    """What a start says of p1 and p2, of which that of p2 is greater by `apart`; `otherwise` for p1 where it says neither."""
+    """Return the values for p1 and p2 from a start; the value of p2 is larger by `apart`.
+
+    If the start has neither, p1 has the value `otherwise`.
+    """
     one, two = name.format(1), name.format(2)
     first = start.get(one, start[two] - apart if two in start else otherwise)
     return first, start.get(two, first + apart)
 
 
 def named(function: Any) -> Signature:
-    """The signature of a function that takes parameters of the model as keywords, each of them named."""
+    """Return the signature of a function that takes the model's parameters as `**parameters`, each by its name."""
     own = [each for each in Signature.from_callable(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
     model = [
         Parameter(name, Parameter.KEYWORD_ONLY, default=BASE.get(name), annotation="float | str | None")
@@ -146,7 +154,7 @@ def named(function: Any) -> Signature:
 
 
 def listed(docstring: str) -> str:
-    """The docstring of such a function, with an entry for each parameter of the model behind those that it has."""
+    """Return the docstring of such a function (`named`) with an entry for each parameter of the model."""
     entries = []
     for name, quantity in (PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}).items():
         value = (BASE | LEFT_OUT).get(name, "none")
@@ -158,16 +166,17 @@ def listed(docstring: str) -> str:
 
 
 def fitted(start: np.ndarray, before: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """The state of a dimer for one of other length or other balls: the other end follows the one that is lower.
+    """Return the state of a dimer changed to fit a dimer of another length or other balls.
 
-    The lower end keeps its gap and gap rate, and the dimer its dip above level, all velocities of its centre of mass along
-    the plate, and its spin components. Nothing changes where the parameters do not change the shape.
+    The lower end keeps its gap and gap rate, and the higher end follows it. Dip above level, spin components and the
+    velocity of the centre of mass along the plate stay, too. Nothing changes where the parameters do not change the
+    shape.
 
     Parameters
     ----------
     start : ndarray, shape (1, N_START)
     before, row : ndarray, shape (N_ROW,)
-        Parameters that the state comes from, and goes to.
+        Parameters of the dimer that the state is of, and of the dimer that it is fitted to.
 
     Returns
     -------
@@ -178,7 +187,8 @@ def fitted(start: np.ndarray, before: np.ndarray, row: np.ndarray) -> np.ndarray
         return start
     s = State(*start[0, :N_STATE].tolist())
     half, between, now = map(sine_and_cosine, (0.5 * s.dip, new.beta_0 + 0.5 * s.dip, new.beta_0 + s.dip))
-    rise = 2.0 * new.l * half[0] * between[1]  # with all digits near level
+    # a difference of two sines as a product, which keeps all digits near level
+    rise = 2.0 * new.l * half[0] * between[1]
     apart = new.l * now[1] * s.wb
     moved = start.copy()
     if s.d1 <= s.d2:

@@ -1,12 +1,15 @@
-"""Small changes of a motion over forcing periods, in coordinates that are regular where the dimer stands upright.
+"""Follow small changes of a motion over forcing periods, in coordinates that are regular even for an upright dimer.
 
-A place has ten of them: the height of the centre of mass over the plate, its velocity, the angular velocity and the unit
-vector along the axis, with the components of all vectors along the plate's axes, in units of g/omega^2, g/omega, and these
-over l/2. A free flight keeps the volume of changes in them (Liouville), and so does a plate that moves as the time tells.
+A place has ten coordinates: the height of the centre of mass over the plate, its velocity, the angular velocity, and
+the unit vector along the axis. Vectors have their components along the plate's axes. The units are g/omega^2 for the
+height and g/omega for the velocity; for the angular velocity and the unit vector g/omega and g/omega^2 over l/2.
 
-A turn of everything about the vertical is no change of the motion: what a change has along it is taken out. Volumes of what
-is left grow with the inverse of the size of that turn. As long as none of the eight directions is lost, lengths are scaled by
-its eighth root, so that a flight keeps the volume again.
+A free flight preserves the volume of changes in these coordinates (Liouville), and so does a plate whose motion depends
+on time alone.
+
+A turn of everything about the vertical does not change the motion: the part of a change along this turn is removed.
+Volumes of the rest grow with the inverse of the size of the turn. As long as none of the eight directions is lost,
+lengths are scaled by the eighth root of that size, so that a flight preserves the volume again.
 """
 
 from math import atan2, cos, hypot, sin
@@ -17,20 +20,22 @@ from dimersweep.kernel.model.body import rise_at
 from dimersweep.kernel.model.layout import FREE, State
 from dimersweep.runs.period_map import Section, free_coordinates
 
-N_PLACE, N_MOST = 10, 8  # coordinates of a place, and how many changes matter where both ends are in the air
-# of differences: the greatest step, by how much the next one is less, and how many are tried at most
+# coordinates of a place, and directions of change where both ends are in the air: two less, for the length of the axis
+# and the turn about the vertical
+N_PLACE, N_MOST = 10, 8
+# steps of differences: the greatest, the ratio of one to the next, and the most that are tried
 STEP, FINER_STEP, STEPS_TRIED = 1e-3, 4.0, 8
-GOOD = 1e-8  # change of a derivative with the next step, over its size, below which no further step is tried
-BY_CHANCE = 10.0  # bound on an error over that change: two can be alike by chance
+GOOD = 1e-8  # relative change of a derivative from step to step below which no further step is tried
+BY_CHANCE = 10.0  # bound on the error over that change: two derivatives can be alike by chance
 
 
 class Tangents:
-    """Changes of the motions of one dimer on one plate, in the coordinates of a place.
+    """Changes of the motions of one dimer on one plate, in the coordinates of a place (see the module).
 
     Parameters
     ----------
     section : Section
-        Its return map.
+        Return map of the dimer.
     """
 
     def __init__(self, section: Section) -> None:
@@ -40,7 +45,7 @@ class Tangents:
         self.units = np.repeat([length, speed, speed / arm, length / arm], [1, 3, 3, 3])
 
     def place(self, state: np.ndarray) -> np.ndarray:
-        """The place of a kernel state, shape (10,)."""
+        """Return the place of a kernel state, shape (10,)."""
         s = State(*state.tolist())
         h, beta = self.dm.p1.h, self.dm.beta_0 + s.dip
         sb, cb, st, ct = sin(beta), cos(beta), sin(s.theta), cos(s.theta)
@@ -59,7 +64,10 @@ class Tangents:
         return np.array(place) / self.units
 
     def state(self, place: np.ndarray, modes: np.ndarray) -> np.ndarray:
-        """The kernel state at a place; ends that are down by their friction modes stay so, and those that stick at rest."""
+        """Return the kernel state at a place, with the friction modes of the ends in `modes`.
+
+        Ends that are down by their friction modes stay down, and ends that stick are at rest.
+        """
         dm, h, down = self.dm, self.dm.p1.h, modes != FREE
         height, u, v, w, p, q, r, *axis = (place * self.units).tolist()
         theta, beta = atan2(-axis[0], axis[1]), atan2(axis[2], hypot(axis[0], axis[1]))
@@ -90,13 +98,13 @@ class Tangents:
         return self.section.held(np.array(state), modes)
 
     def after(self, state: np.ndarray) -> np.ndarray:
-        """The place a forcing period after a kernel state."""
+        """Return the place one forcing period after a kernel state."""
         later = state.copy()
         self.section.after(later, 1)
         return self.place(later)
 
     def basis(self, place: np.ndarray, modes: np.ndarray) -> np.ndarray:
-        """Orthogonal changes of a place that contact leaves free, shape (n, 10)."""
+        """Return orthogonal changes of a place that span the changes that contact leaves free, shape (n, 10)."""
         step = 1e-4
         ways = [[self.place(self.state(place + by * d, modes)) for by in (step, -step)] for d in np.eye(N_PLACE)]
         changes = np.array([ahead - back for ahead, back in ways]).T
@@ -106,7 +114,7 @@ class Tangents:
     def grown(
         self, place: np.ndarray, modes: np.ndarray, image: np.ndarray, directions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What changes of a place become in one forcing period, which leads to the place `image`.
+        """Return the images of changes of a place after one forcing period, which leads to the place `image`.
 
         Parameters
         ----------
@@ -119,8 +127,9 @@ class Tangents:
         Returns
         -------
         columns : ndarray, shape (10, n)
+            Images of the changes.
         errors : ndarray, shape (n,)
-            Bounds on their lengths' errors.
+            Bounds on the errors of the columns' lengths.
         """
         pairs = [self._derivative(place, modes, direction) for direction in directions]
         scale = _density(image) / _density(place) if len(directions) == N_MOST else 1.0
@@ -129,9 +138,10 @@ class Tangents:
         return scale * columns, BY_CHANCE * scale * np.array([error for _, error in pairs])
 
     def _derivative(self, place: np.ndarray, modes: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, float]:
-        """The derivative of the map in a direction, and its change with the step, the least of all.
+        """Return the derivative of the map in a direction, and its least change from step to step.
 
-        From central differences of two steps, so that the error goes with the fourth power of them (Richardson).
+        It comes from central differences of two steps, so that its error is of the fourth power of the step
+        (Richardson).
         """
         best, least, step = np.zeros(N_PLACE), np.inf, STEP
         coarse = before = None
@@ -151,20 +161,20 @@ class Tangents:
 
 
 def _turn(place: np.ndarray) -> np.ndarray:
-    """How a place changes with a turn of everything about the vertical."""
+    """Return the change of a place with a turn of everything about the vertical, per radian."""
     turn = np.zeros(N_PLACE)
     turn[[1, 4, 7]], turn[[2, 5, 8]] = -place[[2, 5, 8]], place[[1, 4, 7]]
     return turn
 
 
 def _less_turn(columns: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Changes of a place, shape (10, n), less what they have along the turn."""
+    """Return changes of a place, shape (10, n), without their parts along the turn about the vertical."""
     turn = _turn(place)
     size = turn @ turn
     return columns - np.outer(turn, turn @ columns) / size if size > 0 else columns
 
 
 def _density(place: np.ndarray) -> float:
-    """What lengths at a place are scaled by; its power of the number of changes is the size of the turn there."""
+    """Return the scale of lengths at a place: the eighth root of the size of the turn there, 1 where there is none."""
     size = float(np.linalg.norm(_turn(place)))
     return size ** (1 / N_MOST) if size > 0 else 1.0
