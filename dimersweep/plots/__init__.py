@@ -1,4 +1,4 @@
-"""Pictures of cubes and of single runs; plain matplotlib figures, drawn without a display."""
+"""Draw cubes and single runs as plain matplotlib figures, without a display."""
 
 from typing import Any, Unpack
 
@@ -80,7 +80,9 @@ def __getattr__(name: str) -> Any:
 
 
 def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = None, **look: Unpack[Look]) -> Figure:
-    """A figure of `cube`: of a kind, of a quantity, or by default the one that it was declared for; `look` as in `Look`.
+    """Draw `cube` as a picture of a kind, or as a map of a quantity; `look` as in `Look`.
+
+    By default the picture is of the kind that the cube was declared for, else a map of modes.
 
     Raises
     ------

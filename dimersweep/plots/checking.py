@@ -1,4 +1,4 @@
-"""What each kind of picture needs of a cube, known before the cube is: its axes, and what was asked."""
+"""Check that a cube has the axes and results that a kind of picture needs, also before the cube is made."""
 
 from collections.abc import Collection, Mapping
 
@@ -9,13 +9,15 @@ from dimersweep.cubes.cube import check_codes
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import PARAMETERS, PICTURE_KINDS
 
-AXES = {  # kinds that need just these axes of more than one value
+# kinds that need exactly these axes of more than one value
+AXES = {
     "trends": ("A_r", "f"),
     "minimum": ("A_r", "xdot0"),
     "impact_ends": ("A_r", "mu", "mu_s"),
 }
 _NO_PATHS = "the cube has no paths over one axis; declare [paths]"
-# the feature that a kind needs, whether axes of one value are left out, how many axes it needs, and what it says else
+# kind: the feature that it needs; True if axes of one value do not count; how many axes it needs; the refusal if it
+# lacks them
 FEATURES: dict[str, tuple[str, bool, int | None, str]] = {
     "regions": ("search", True, 2, "needs the regions of a search over two axes"),
     "shares": ("search", False, 2, "needs the runs of a search over two axes"),
@@ -28,7 +30,10 @@ FEATURES: dict[str, tuple[str, bool, int | None, str]] = {
 
 
 def features(cube: xr.Dataset) -> set[str]:
-    """What a cube has besides modes and orbits: regions and runs of a search, paths, strobes, sustained spins."""
+    """Return the features of a cube besides modes and orbits.
+
+    They are regions and runs of a search, paths, strobes, and sustained spins.
+    """
     marks = {"search": "region", "paths": "x", "strobes": "strobe", "sustained": "sustained_spin"}
     return {name for name, variable in marks.items() if variable in cube.variables or variable in cube.dims}
 
@@ -41,14 +46,14 @@ def check(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
     kind : str
         One of `PICTURE_KINDS`.
     sizes : mapping of str to int
-        Axes of the cube and how many values each has.
+        Number of values of each axis of the cube.
     has : collection of str
-        See `features`.
+        Features of the cube, see `features`.
 
     Raises
     ------
     ParameterError
-        Naming what the kind needs.
+        Naming the axes or features that the kind needs.
     """
     if kind not in PICTURE_KINDS:
         raise ParameterError(f"kind = {kind!r}: must be one of {', '.join(PICTURE_KINDS)}")
@@ -60,7 +65,7 @@ def check(kind: str, sizes: Mapping[str, int], has: Collection[str] = ()) -> Non
 
 
 def _lack(kind: str, sizes: Mapping[str, int], has: Collection[str]) -> str:
-    """What a kind of picture lacks; "" if nothing."""
+    """Return words for what a kind of picture lacks in a cube of these sizes and features; "" if nothing."""
     axes = [name for name, n in sizes.items() if n > 1]
     need = ""
     if kind in FEATURES:
@@ -80,7 +85,7 @@ def _lack(kind: str, sizes: Mapping[str, int], has: Collection[str]) -> str:
 
 
 def check_cube(kind: str, cube: xr.Dataset) -> None:
-    """Refuse a kind of picture that `cube` cannot fill."""
+    """Refuse a kind of picture that `cube` has not the axes or results for."""
     if not isinstance(cube, xr.Dataset):
         raise ParameterError(f"cube: is a {type(cube).__name__}; give a cube")
     check_codes(cube["mode"])
@@ -89,7 +94,9 @@ def check_cube(kind: str, cube: xr.Dataset) -> None:
 
 
 def check_axes(cube: xr.Dataset) -> None:
-    """Refuse a cube whose points have no places: an axis that is no parameter, has lost its values or has them in no order.
+    """Refuse a cube whose points have no place in a picture.
+
+    An axis is no parameter, has lost its values, or has them in no order.
 
     Raises
     ------

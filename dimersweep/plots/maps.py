@@ -1,4 +1,4 @@
-"""Maps over the axes of a cube: modes in their colours, or any quantity; one panel for each value of further axes."""
+"""Draw maps over the axes of a cube, of modes in their colours or of any quantity; further axes make panels."""
 
 from math import ceil
 from typing import Any, Unpack
@@ -37,22 +37,22 @@ MOST_PANELS = 12
 
 
 def colors_of(modes: np.ndarray) -> np.ndarray:
-    """The colours of modes that are given by their codes, shape (..., 3)."""
+    """Return the colours of modes, which are given by their codes; shape (..., 3)."""
     return np.array([to_rgb(color) for color in mode_colors().values()])[modes]
 
 
 def mode_map(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """The mode of motion over one or two axes, in panels over further ones.
+    """Draw the mode of motion over one or two axes, in panels over further axes.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        With axes of more than one value; the last one runs to the right, the one before upward.
+        Cube with axes of more than one value. The last axis runs to the right, the one before it upward.
 
     Returns
     -------
     matplotlib.figure.Figure
-        With a legend of the modes that occur and their shares.
+        Map with a legend of the modes that occur and their shares.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def mode_map(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def mode_handles(mode: xr.DataArray) -> list[Patch]:
-    """Handles of a legend of the modes that occur, with their shares."""
+    """Return the handles of a legend of the modes that occur, with their shares."""
     shares = np.bincount(mode.values.ravel(), minlength=len(MODES)) / mode.size
     return [
         face(mode_colors()[name], f"{MODE_LABELS[name]} ({percent(share)})")
@@ -75,7 +75,7 @@ def mode_handles(mode: xr.DataArray) -> list[Patch]:
 
 
 def quantity_map(cube: xr.Dataset, quantity: str, **look: Unpack[Look]) -> Figure:
-    """A quantity over the axes of a cube: curves over one axis, a map over two, in panels over further ones.
+    """Draw a quantity over the axes of a cube: curves over one axis, a map over two, in panels over further axes.
 
     Parameters
     ----------
@@ -104,11 +104,11 @@ def quantity_map(cube: xr.Dataset, quantity: str, **look: Unpack[Look]) -> Figur
 
 
 def _map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
-    """A map of modes in their colours, or of a quantity, of a cube that has one."""
+    """Draw a map of modes in their colours, or of a quantity of `cube`, in the way that its axes allow."""
     if "point" in cube["mode"].dims:
         return point_map(cube, quantity, look)
     values = cube[quantity].squeeze()
-    if "direction" in values.dims:  # each has its panels
+    if "direction" in values.dims:  # first, so that each direction has its panels
         values = values.transpose("direction", ...)
     if quantity != "mode" and values.dims[:-1] == ("direction",):
         return _curves_each_way(cube, values, quantity, look)
@@ -128,14 +128,14 @@ def _map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
 
 
 def _shades(values: np.ndarray) -> dict[str, Any]:
-    """A scale of colours, with its ends where there are values."""
+    """Return a scale of colours between the least and greatest finite value."""
     finite = values[np.isfinite(values)]
     vmin, vmax = widened(finite.min(), finite.max()) if finite.size else (None, None)
     return {"cmap": "viridis", "vmin": vmin, "vmax": vmax}
 
 
 def _explain(board: Board, values: xr.DataArray, drawn: Any, more: str = "") -> None:
-    """Say what the colours are, beside a figure: a legend of modes, or a bar of a quantity."""
+    """Explain the colours beside a figure: by a legend of modes, or by a bar of a quantity."""
     if values.name == "mode":
         board.legend("right center", mode_handles(values), fontsize="small")
     else:
@@ -143,7 +143,10 @@ def _explain(board: Board, values: xr.DataArray, drawn: Any, more: str = "") -> 
 
 
 def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str, look: Look) -> Figure:
-    """A quantity over one axis, on the way up and down; where both are the same, the latter lies on the former."""
+    """Draw a quantity over one axis, once for each direction in which the state was carried.
+
+    The curve going down is thinner and lies on top, so that both are seen where they are equal.
+    """
     name = str(values.dims[-1])
     board, axes = framed(look, cube, (7.5, 3.2))
     for way in values:
@@ -158,7 +161,10 @@ def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str, look
 
 
 def point_map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
-    """Points that are no grid: each pair of parameters that vary, one over the other, coloured by mode or a quantity."""
+    """Draw points that are no grid: a panel for each pair of varied parameters, coloured by mode or a quantity.
+
+    Of more than `MOST_PANELS` pairs the first are drawn.
+    """
     differing = fixed_of(cube)[1]
     varied = [str(name) for name in cube.coords if name in differing]
     pairs = [(varied[i], varied[j]) for j in range(len(varied)) for i in range(j)][:MOST_PANELS]
@@ -182,7 +188,10 @@ def point_map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
 
 
 def _panels(cube: xr.Dataset, values: xr.DataArray, look: Look) -> tuple[Board, list[tuple[Axes, xr.DataArray]]]:
-    """A board with a panel for each combination of the leading axes of `values`, at most `MOST_PANELS`, and what is in it."""
+    """Return a board with a panel for each combination of the leading axes of `values`, and the values in each panel.
+
+    Of more than `MOST_PANELS` combinations some are drawn, evenly spread.
+    """
     leading = [str(name) for name in values.dims[:-2]]
     places = list(np.ndindex(*(values.sizes[name] for name in leading)))
     heading = f"{MOST_PANELS} of {len(places)} maps; " if len(places) > MOST_PANELS else ""
@@ -191,7 +200,7 @@ def _panels(cube: xr.Dataset, values: xr.DataArray, look: Look) -> tuple[Board, 
     rows = ceil(len(places) / columns)
     size = (7.5, 2.6 if values.ndim == 1 else 4.8) if len(places) == 1 else (1.8 + 2.9 * columns, 1.0 + 2.5 * rows)
     board, grid = framed(look, cube, size, heading, nrows=rows, ncols=columns, sharex=True, sharey=True, squeeze=False)
-    _scale(grid[0, 0], values)  # shared by all
+    _scale(grid[0, 0], values)  # all panels share the axes of the first
     for axes in grid.flat[len(places) :]:
         axes.set_axis_off()
     parts = [values.isel(dict(zip(leading, place, strict=True))) for place in places]
@@ -206,7 +215,7 @@ def _panels(cube: xr.Dataset, values: xr.DataArray, look: Look) -> tuple[Board, 
 
 
 def _mesh(axes: Axes, part: xr.DataArray, colors: np.ndarray, **how: Any) -> Any:
-    """Cells around the points of a panel, each in its colour."""
+    """Draw the cells around the points of a panel, each in its colour."""
     x = part[part.dims[-1]].values
     y_edges = edges_of(part[part.dims[0]].values) if part.ndim == 2 else np.array([0.0, 1.0])
     mesh = axes.pcolormesh(edges_of(x), y_edges, colors, **how)
@@ -216,7 +225,7 @@ def _mesh(axes: Axes, part: xr.DataArray, colors: np.ndarray, **how: Any) -> Any
 
 
 def _scale(axes: Axes, values: xr.DataArray) -> None:
-    """Logarithmic axes where the values of one of the last two axes are in a fixed ratio."""
+    """Make an axis logarithmic if its values are in a fixed ratio: x for the last dimension, y for the one before."""
     if is_geometric(values[values.dims[-1]].values):
         axes.set_xscale("log")
     if values.ndim > 1 and is_geometric(values[values.dims[-2]].values):

@@ -1,4 +1,4 @@
-"""Pictures of where the modes lie: intervals of the dip angle, regions of a search, and strobes over one axis."""
+"""Draw where the modes lie: intervals of the dip angle, regions of a search, and strobes over one axis."""
 
 from collections.abc import Iterable
 from typing import Any, Unpack
@@ -19,7 +19,8 @@ from dimersweep.plots.maps import colors_of
 from dimersweep.plots.style import MODE_LABELS, Look, face, framed, given, ink, mark, mode_colors, row_colors
 from dimersweep.symbols import symbol
 
-STROBES = {  # rows of the picture: what they are, and the factor to the unit that is shown
+# rows of the picture, by quantity: label, and factor to the unit that is shown
+STROBES = {
     "gap_1": ("gap of $p_1$ [mm]", 1e3),
     "gap_2": ("gap of $p_2$ [mm]", 1e3),
     "theta_rate": (r"$\dot\theta$ [rad/s]", 1.0),
@@ -27,17 +28,17 @@ STROBES = {  # rows of the picture: what they are, and the factor to the unit th
 
 
 def segments(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """The initial dip angles that lead to drift, as in the paper's Fig. 7: one row for each value of the other axis.
+    """Draw the initial dip angles that lead to drift (the paper's Fig. 7), in one row for each value of the other axis.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        With the axis `beta0` and at most one more.
+        Cube with the axis `beta0` and at most one more.
 
     Returns
     -------
     matplotlib.figure.Figure
-        With the total length of each row at its right end.
+        Intervals with their total length at the right end of each row.
 
     Examples
     --------
@@ -60,7 +61,7 @@ def segments(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
             color=color,
             fontsize="small",
         )
-    if "confidence" in cube:  # of a certified sweep
+    if "confidence" in cube:  # only a certified sweep has it
         unsure = ~names(cube["confidence"]).isin(["certain", "not_run"]).transpose(name, "beta0")
         which, place = np.nonzero(unsure.values)
         (shown,) = axes.plot(
@@ -75,7 +76,7 @@ def segments(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def _dip_axis(axes: Axes, low: float, high: float) -> None:
-    """The dip angle, up to a right angle on one side or on both, in radians below, in degrees above."""
+    """Set the axis of the dip angle, up to a right angle on one side or on both: radians below, degrees above."""
     words = ("0", "π/8", "π/4", "3π/8", "π/2")
     eighths = range(round(8 * low / np.pi), round(8 * high / np.pi) + 1)
     axes.set_xticks([k * np.pi / 8 for k in eighths], ["-" * (k < 0) + words[abs(k)] for k in eighths])
@@ -86,17 +87,19 @@ def _dip_axis(axes: Axes, low: float, high: float) -> None:
 
 
 def regions(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """Where some start drifts, where every start rests, and which mode is most frequent elsewhere, as in the paper's Fig. 8.
+    """Draw the regions of a search, as in the paper's Fig. 8.
+
+    In one some start drifts, in the other every start comes to rest; elsewhere the most frequent mode is shown.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        Of `search` or `refine` for drift, with two axes; the first one runs to the right.
+        Result of `search` or `refine` for drift, with two axes; the first axis runs to the right.
 
     Returns
     -------
     matplotlib.figure.Figure
-        Drift hatched with lines, rest with slashes, and their borders.
+        Map with drift hatched with lines, rest with slashes, and their borders.
 
     Examples
     --------
@@ -123,7 +126,8 @@ def regions(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     ):
         inside = (region == name).T.astype(float)
         if inside.min() < inside.max():
-            cells = np.repeat(np.repeat(inside, 2, axis=0), 2, axis=1)  # borders run along the cells that are drawn
+            # each value at both edges of its cell, so that borders run along the cells that are drawn
+            cells = np.repeat(np.repeat(inside, 2, axis=0), 2, axis=1)
             with rc_context({"hatch.color": color, "hatch.linewidth": 0.6}):
                 axes.contourf(*corners, cells, levels=[0.5, 1.5], colors="none", hatches=[hatch])
             axes.contour(*corners, cells, levels=[0.5], colors=color, linewidths=1.4)
@@ -137,13 +141,15 @@ def regions(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def bifurcation(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """The states at the starts of forcing periods over one axis: a point for each period, in the colour of the mode.
+    """Draw the states at the starts of forcing periods over one axis.
+
+    Each period is a point in the colour of the mode.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        With strobes over one axis of more than one value, see `dimersweep.bifurcation`. Where the state was carried up and
-        down that axis, each way has its panels.
+        Cube with strobes over one axis of more than one value, see `dimersweep.bifurcation`. If the state was carried
+        up and down that axis, each direction has its panels.
 
     Returns
     -------
@@ -181,7 +187,7 @@ def bifurcation(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def _strobes(panels: Iterable[Axes], cube: xr.Dataset, name: str) -> None:
-    """Draw the strobes over the axis `name`, a quantity in each panel."""
+    """Draw the strobes over the axis `name`, one quantity in each panel."""
     mode = cube["mode"].squeeze()
     for axes, (quantity, (_, factor)) in zip(panels, STROBES.items(), strict=True):
         values = factor * cube[f"strobe_{quantity}"].squeeze().transpose(name, "strobe").values

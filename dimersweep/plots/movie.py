@@ -1,4 +1,4 @@
-"""A run to look at: the dimer on its shaking plate from the side and from above, as a GIF, a video, or frames of a page."""
+"""Write movies of a run as a GIF, a video or a page: the dimer on its shaking plate from the side and from above."""
 
 import os
 import shutil
@@ -34,18 +34,18 @@ MOVIES = (".gif", ".mp4", ".html")
 MOST_DPI = 600
 MOST_FPS_OF_GIF = 50  # browsers show a delay below two hundredths of a second as ten
 COLORS_OF_GIF = 64
-POLE_TO_POLE = np.linspace(0, np.pi, 24)[:, None]  # along a mark of a ball
+POLE_TO_POLE = np.linspace(0, np.pi, 24)[:, None]  # angles of the points of a mark on a ball, from pole to pole
 
 
 def check_movie(path: str | os.PathLike[str], *, force: bool) -> Path:
-    """Refuse a movie file that could not be written, before any work is done.
+    """Refuse a movie file that could not be written, before any work is done; return its path.
 
     Raises
     ------
     ParameterError
         If its ending is none of `MOVIES`.
     StoreError
-        As for a cube; or a video is asked for and there is no ffmpeg.
+        If the file could not be written, or a video is wanted and there is no ffmpeg.
     """
     path = check_output(path, force=force, name="movie", what="a movie", endings=MOVIES)
     if path.suffix == ".mp4" and _ffmpeg() is None:
@@ -56,7 +56,7 @@ def check_movie(path: str | os.PathLike[str], *, force: bool) -> Path:
 
 
 def _ffmpeg() -> str | None:
-    """The program ffmpeg: the system's, or that of the package imageio-ffmpeg; None if there is neither."""
+    """Return the path of ffmpeg: the system's, or that of the package imageio-ffmpeg; None if there is neither."""
     found = shutil.which("ffmpeg")
     if found is None:
         with suppress(ImportError, RuntimeError):  # not installed, or installed without its program
@@ -90,14 +90,13 @@ def write_movie(run: SeenRun, path: str | os.PathLike[str], playback: Playback, 
 
 
 def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
-    """Frames of shape (height, width, 3) as an endless GIF with one palette.
+    """Write frames, shape (height, width, 3), as an endless GIF with one palette.
 
-    Delays are whole hundredths of a second; what is left over of one goes to the next.
+    Delays are whole hundredths of a second. What rounding leaves over of one delay goes to the next.
     """
     begin = next(pictures)
-    swatch = np.resize(
-        [getrgb(color) for color in (*BALLS, *MARKS)], begin[:20].shape
-    )  # colours that may not be seen yet
+    # the palette is made from the first frame, in which some of these colours may be hidden: 20 rows of them are added
+    swatch = np.resize([getrgb(color) for color in (*BALLS, *MARKS)], begin[:20].shape)
     palette = Image.fromarray(np.concatenate([begin, swatch.astype(np.uint8)])).quantize(COLORS_OF_GIF)
     pictures = chain([begin], pictures)
     reduced = (Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures)
@@ -107,7 +106,7 @@ def _write_gif(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
 
 
 def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
-    """Frames of shape (height, width, 3) as H.264, which takes even sizes only."""
+    """Write frames, shape (height, width, 3), as H.264; odd sizes are padded, as it takes even sizes only."""
     first = next(pictures)
     height, width, _ = first.shape
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps), "-i", "-"]
@@ -120,7 +119,10 @@ def _write_video(path: Path, pictures: Iterator[np.ndarray], fps: int) -> None:
 
 
 def _rendered(run: SeenRun, playback: Playback, dpi: int) -> Iterator[np.ndarray]:
-    """Pictures of the frames, shape (height, width, 3), uint8: what stands still is drawn once."""
+    """Yield the pictures of the frames, shape (height, width, 3), uint8.
+
+    Everything that stands still is drawn once and copied.
+    """
     shown = frames(run, playback)
     figure = Figure(figsize=(7.2, 3.7), layout="constrained", dpi=dpi)
     canvas = FigureCanvasAgg(figure)
@@ -144,7 +146,10 @@ def _rendered(run: SeenRun, playback: Playback, dpi: int) -> Iterator[np.ndarray
 
 
 def _side_view(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
-    """Seen along the plate, square to the rod, as it tilts and moves there: p1 stands still on it, and up is up."""
+    """Draw the view along the plate, square to the rod, and return the function that moves it to a frame.
+
+    In this view p1 stays at one place of the plate. The plate tilts and moves as in the room: up is up.
+    """
     across = np.einsum("ki,ki->k", shown.along, np.diff(shown.balls[..., :2], axis=1)[:, 0])
     balls = np.stack([np.column_stack([0 * across, across]), shown.balls[..., 2]], axis=2)
     length, r = np.linalg.norm(shown.balls[0, 1] - shown.balls[0, 0]), shown.radii.max()
@@ -176,7 +181,10 @@ def _side_view(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
 
 
 def _view_from_above(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
-    """Seen from above, with the track of the centre of mass on the plate; a plate that moves sideways is shown to."""
+    """Draw the view from above, with the track of the centre of mass, and return the function that moves it to a frame.
+
+    A plate that moves along itself is shown as a square.
+    """
     ends = shown.balls[..., :2].reshape(-1, 2)
     moves = np.abs(shown.away).max()
     half, middle = np.ptp(ends, axis=0).max() / 2 + 2 * shown.radii.max(), (ends.min(axis=0) + ends.max(axis=0)) / 2
@@ -202,9 +210,10 @@ def _view_from_above(axes: Axes, shown: Frames) -> Callable[[int], list[Any]]:
 def _moving(
     axes: Axes, shown: Frames, balls: np.ndarray, places: Sequence[Affine2D], looks: np.ndarray, *others: Any
 ) -> Callable[[int], list[Any]]:
-    """Draw rod and balls into a view; what puts them, and `others` that go with the plate, where they are in a frame.
+    """Draw rod and balls into a view, and return the function that moves them to a frame.
 
-    The view has its right, its up and the way to who looks as rows of `looks`, shape (n, 3, 3).
+    `others` are artists that move with the plate. `looks`, shape (n, 3, 3), has as rows the view's right, its up, and
+    the direction towards the viewer, in each frame.
     """
     length = np.linalg.norm(np.diff(shown.balls[0], axis=0))
     (rod,) = axes.plot([], [], color=ROD, linewidth=3, solid_capstyle="round")

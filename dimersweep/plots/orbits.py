@@ -1,4 +1,4 @@
-"""Pictures of orbits over parameters: paths, trends with exponents, least periods, ends of impacts, planar drift, walks."""
+"""Draw orbits over parameters: paths, trends with exponents, least periods, ends of impacts, planar drift, walks."""
 
 from typing import Unpack
 
@@ -16,30 +16,32 @@ from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.checking import check_cube
 from dimersweep.plots.style import Look, face, framed, given, ink, label, log_scale, mark, row_colors, spread
 
-END_COLORS = {  # of a double impact
+# colours of the ends of a double impact
+END_COLORS = {
     "none": "#ffffff",
     "sp_sp": "#0072b2",
     "sp_sk": "#e69f00",
     "sk_sp": "#dd99cc",
     "sk_sk": "#009e73",
 }
-LEFT_OUT_COLOR = "#505050"  # points that break the rule between mu and mu_s
+LEFT_OUT_COLOR = "#505050"  # colour of points with mu_s below mu, which are not run
 TRENDS = {"radius": r"$\bar R$ [m]", "period": r"$\bar T$ [s]", "zeta": r"$\zeta$ [rad]"}
 CENTRES = {"centre_velocity_x": ("o", "along $x$"), "centre_velocity_y": ("s", "along $y$")}
-CURVES = 5  # values of the other axis that are drawn
+CURVES = 5  # most values of the other axis of a trend that are drawn
 
 
 def _drifting(cube: xr.Dataset, quantity: str) -> xr.DataArray:
+    """Return a quantity of a cube where it drifts, NaN elsewhere."""
     return cube[quantity].where(cube["mode"] == M_DRIFT)
 
 
 def paths(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """Paths of the centre of mass with their centres moved to one point, as in the paper's Fig. 13.
+    """Draw paths of the centre of mass with their circles' centres moved to one point, as in the paper's Fig. 13.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        With paths over one axis.
+        Cube with paths over one axis.
 
     Returns
     -------
@@ -74,17 +76,17 @@ def paths(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def trends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """Radius, period and angle of the orbit over aspect ratio and frequency, as in the paper's Fig. 14 to 16.
+    """Draw radius, period and angle of the orbit over aspect ratio and frequency, as in the paper's Fig. 14 to 16.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        With the axes `A_r` and `f`.
+        Cube with the axes `A_r` and `f`.
 
     Returns
     -------
     matplotlib.figure.Figure
-        With the exponents of R and T in A_r - 1 and f.
+        Curves with the exponents of R and T in A_r - 1 and f.
 
     Examples
     --------
@@ -107,7 +109,10 @@ def trends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -> None:
-    """A quantity over an axis, one curve for some values of the other; of a power law, its exponent and a line with it."""
+    """Draw a quantity over an axis, in one curve for some values of the other axis.
+
+    A power law is stated in the title with its exponent, and drawn as a dashed line.
+    """
     shift, base = (1.0, "A_r - 1") if name == "A_r" else (0.0, "f")
     x, values, chosen = cube[name].values - shift, _drifting(cube, quantity), spread(cube.sizes[other], CURVES)
     for color, k in zip(row_colors(chosen.size), chosen, strict=True):
@@ -138,12 +143,12 @@ def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -
 
 
 def least_period(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """Period and angle of the orbit over the initial velocity, as in the paper's Fig. 17, the first minimum marked.
+    """Draw period and angle of the orbit over the initial velocity (the paper's Fig. 17), and mark the first minimum.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        With the axes `A_r` and `xdot0`.
+        Cube with the axes `A_r` and `xdot0`.
 
     Returns
     -------
@@ -179,12 +184,14 @@ def least_period(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def impact_ends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """How the double impact of a drift ends over mu and mu_s, one map for each aspect ratio, with the line mu = mubar.
+    """Draw the ends of the double impacts of a drift over mu and mu_s, in one map for each aspect ratio.
+
+    A dashed line shows mu = mubar (`stick_ratio`).
 
     Parameters
     ----------
     cube : xarray.Dataset
-        With the axes `A_r`, `mu` and `mu_s`.
+        Cube with the axes `A_r`, `mu` and `mu_s`.
 
     Returns
     -------
@@ -221,12 +228,12 @@ def impact_ends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def shares(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """The share of the searched values that lead to drift, over one axis, one curve for each value of the other.
+    """Draw the share of the searched values that lead to drift over one axis, in a curve for each value of the other.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        Of ``search(..., ask="fraction")`` over two axes; the last one runs to the right.
+        Result of ``search(..., ask="fraction")`` over two axes; the last axis runs to the right.
 
     Returns
     -------
@@ -254,12 +261,14 @@ def shares(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def planar(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """Velocity of the drift along the axis over one parameter: positive from the end that is down to the other one.
+    """Draw the velocity of a drift along its axis over one parameter.
+
+    It is positive from the end that is down to the other end.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        With paths, over one axis.
+        Cube with paths over one axis.
 
     Returns
     -------
@@ -297,18 +306,18 @@ def planar(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def walks(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """Tracks of the centre of mass from their starts; beside them the velocities of the circles' centres, or the curvatures.
+    """Draw tracks of the centre of mass from their starts, and beside them their drift or curvature.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        With paths over one axis.
+        Cube with paths over one axis.
 
     Returns
     -------
     matplotlib.figure.Figure
-        On plates where the centres move: their velocities, and a word for each track that has no whole turn. On others: the
-        curvature 1/R of each path, positive where the heading falls.
+        Beside the tracks, on plates where the centres of the circles move: their velocities, and a word for each track
+        without a whole turn. On other plates: the curvature 1/R of each path, positive where the heading decreases.
 
     Examples
     --------
@@ -340,10 +349,11 @@ def walks(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def _velocities(axes: Axes, cube: xr.Dataset, name: str, words: np.ndarray) -> None:
-    """The velocities of the circles' centres over an axis, and the words of the tracks that have none."""
+    """Draw the velocities of the circles' centres over an axis, and the words of tracks that have none."""
     for color, (which, (marker, text)) in zip(row_colors(2), CENTRES.items(), strict=True):
         axes.plot(cube[name], 1e3 * cube[which], f"{marker}-", color=color, markersize=4, linewidth=1, label=text)
-    below = np.nansum(cube["centre_velocity_x"].values) < 0  # the curve, so that there is room
+    # words stand on the side of zero where the curve of x is not
+    below = np.nansum(cube["centre_velocity_x"].values) < 0
     for value, velocity, word in zip(cube[name].values, cube["centre_velocity_x"].values, words, strict=True):
         if np.isnan(velocity):
             side = "top" if below else "bottom"

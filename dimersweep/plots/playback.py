@@ -1,4 +1,4 @@
-"""What a movie and a page show of a run: which times, and where the balls and the plate are then."""
+"""Compute what a movie and a page show of a run: which times, and where balls and plate are at these times."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,18 +12,18 @@ from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count
 from dimersweep.parameters import dimer_from
 
-BALLS = ("#d62728", "#0072b2")  # p1, p2
+BALLS = ("#d62728", "#0072b2")  # colours of p1, p2
 ROD, PLATE, PATH_COLOR = "#444444", "#56b4e9", "#999999"
-MARKS = ("#f0e442", "#222222")  # of a ball, on opposite sides, from one pole on its axis to the other
-SLOWED = 20.0  # how much slower the double impacts are shown
-NEAR_IMPACT = 0.04  # of a double impact, in forcing periods on either side
+MARKS = ("#f0e442", "#222222")  # colours of a ball's two marks, on opposite sides, from pole to pole of its axis
+SLOWED = 20.0  # factor by which time is slower around double impacts
+NEAR_IMPACT = 0.04  # time on either side of a double impact that is slowed [forcing periods]
 MOST_FRAMES = 2000
-ROUND_OFF = 1e-6  # of a number of frames
+ROUND_OFF = 1e-6  # excess over a whole number of frames that is round-off, and no further frame
 
 
 @dataclass(frozen=True)
 class Playback:
-    """Which times of a run are shown.
+    """Times of a run that are shown, and their speed.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Playback:
     fps : int
         Frames a second.
     slow_impacts : bool
-        Whether time runs slower around double impacts.
+        True if time runs slower around double impacts.
     """
 
     start: float
@@ -44,19 +44,19 @@ class Playback:
     slow_impacts: bool
 
     def times(self, impacts: np.ndarray, T: float) -> np.ndarray:
-        """Times of the frames [s], increasing: what is shown at each of the moments 1/fps apart.
+        """Return the times of the run that the frames show [s], increasing; frames are 1/fps apart.
 
         Parameters
         ----------
         impacts : ndarray, shape (n,)
-            Of the double impacts [s], increasing.
+            Times of the double impacts [s], increasing.
         T : float
             Forcing period [s].
 
         Raises
         ------
         ParameterError
-            If there are too many.
+            If there are more than `MOST_FRAMES` frames.
         """
         reach = NEAR_IMPACT * T
         begin, end = (np.clip(impacts + by, self.start, self.stop) for by in (-reach, reach))
@@ -75,7 +75,7 @@ class Playback:
 def playback_of(
     run: SeenRun, periods: int, speed: float = 0.1, fps: int = 25, *, last: bool = True, slow_impacts: bool = False
 ) -> Playback:
-    """The stretch of the run that is shown, checked.
+    """Return the playback of the last or first `periods` of a run, checked.
 
     Raises
     ------
@@ -91,22 +91,22 @@ def playback_of(
 
 
 class Frames(NamedTuple):
-    """What is seen of a run in each of n frames, relative to the plate as it tilts and moves along itself [mm]."""
+    """Places of the dimer in each of n frames, relative to the plate as it tilts and moves along itself [mm]."""
 
     cycles: np.ndarray  # shape (n,), time in forcing periods
     balls: np.ndarray  # shape (n, 2, 3), centres of p1 and p2
-    centre: np.ndarray  # shape (n, 3), of mass
+    centre: np.ndarray  # shape (n, 3), centre of mass
     along: np.ndarray  # shape (n, 2), unit vector from p1 to p2 as seen from above
-    mark: np.ndarray  # shape (n, 3), unit vector square to the axis that turns with the dimer
-    plate: np.ndarray  # shape (n,), height
-    away: np.ndarray  # shape (n, 3), how far the plate is away along itself
-    radii: np.ndarray  # shape (2,)
-    room: Rotation  # of the plate in the room, where up is up
+    mark: np.ndarray  # shape (n, 3), unit vector square to the axis, which turns with the dimer
+    plate: np.ndarray  # shape (n,), height of the plate
+    away: np.ndarray  # shape (n, 3), displacement of the plate along itself
+    radii: np.ndarray  # shape (2,), radii of the balls
+    room: Rotation  # rotation from the axes of the plate to those of the room, where up is up
 
 
 def frames(run: SeenRun, playback: Playback) -> Frames:
-    """The frames of the stretch of a run that is shown."""
-    from dimersweep.kernel.model.plate import motion_along  # Numba: pictures of cubes do without
+    """Return the frames of the part of a run that `playback` shows."""
+    from dimersweep.kernel.model.plate import motion_along  # imports Numba, which pictures of cubes do not need
 
     dm, f = dimer_from(run.parameters), run.parameters["f"]
     impacts = np.array([])

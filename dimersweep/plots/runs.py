@@ -1,4 +1,4 @@
-"""Pictures of one recorded run: heights, orbit, phase portraits with their contact states, and its energy budget."""
+"""Draw one recorded run: heights, orbit, phase portraits with their contact states, and its energy budget."""
 
 from typing import Any, Unpack
 
@@ -16,12 +16,14 @@ from dimersweep.parameters import dimer_from
 from dimersweep.plots.style import MODE_COLORS, Look, beyond_round_off, board, ink
 from dimersweep.symbols import STATE_QUANTITIES
 
-ANGLES = {  # labels of the angles in phase portraits
+# labels of the angles in phase portraits
+ANGLES = {
     "beta": r"$\beta$ [rad]",
     "theta": r"$\theta - \theta_0$ [rad]",
     "gamma": r"$\gamma - \gamma_0$ [rad]",
 }
-TERMS = {  # how each term is drawn: its words and its colour, dark at p1 and light at p2
+# terms of the energy budget: label and colour, dark at p1 and light at p2
+TERMS = {
     "plate_1": ("from the plate, $p_1$", "#1b7837"),
     "plate_2": ("from the plate, $p_2$", "#7fbf7b"),
     "plate_along": ("from the plate along itself", "#e69f00"),
@@ -30,12 +32,15 @@ TERMS = {  # how each term is drawn: its words and its colour, dark at p1 and li
     "slip_1": ("slip, $p_1$", "#b2182b"),
     "slip_2": ("slip, $p_2$", "#f4a582"),
 }
-SLIPS = ("slip_1", "slip_2")  # hatched: red and green are alike to some readers
-SMALLEST = 1e-6  # of the greatest work: where the axis begins to be linear, and below which a contact state has no row
+SLIPS = ("slip_1", "slip_2")  # terms that are hatched: some readers cannot tell red and green apart
+# share of the greatest work below which the axis is linear, and below which a contact state has no row
+SMALLEST = 1e-6
 
 
 def last_cycle(run: SeenRun) -> tuple[float, float]:
-    """Start and stop of the last full cycle of a recorded run [s], from just before a double impact if there is one.
+    """Return start and stop of the last full cycle of a recorded run [s].
+
+    If there is a double impact in it, the cycle starts just before the impact.
 
     Examples
     --------
@@ -54,23 +59,23 @@ def last_cycle(run: SeenRun) -> tuple[float, float]:
 
 
 def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
-    """The rates of the three angles in the course of a double impact.
+    """Return the rates of the three angles through a double impact.
 
-    Both ends are on the plate: the gap rates give beta', and the lateral slips the lateral impulses, which change theta' and
-    the spin.
+    Both ends are on the plate. So the gap rates give beta', and the lateral slips give the lateral impulses, which
+    change theta' and the spin.
 
     Parameters
     ----------
     run : Run
-        Recorded.
+        A recorded run.
     time : float
-        Of the double impact, as in ``run.events`` [s].
+        Time of the double impact, as in ``run.events`` [s].
 
     Returns
     -------
     xarray.Dataset
-        `beta_rate`, `theta_rate`, `gamma_rate` [rad s-1] along `stage`: before the impact, then after each of its rows,
-        with the row's `kind`; before the impact that of the contact.
+        `beta_rate`, `theta_rate`, `gamma_rate` [rad s-1] along `stage`: before the impact, then after each of its rows.
+        `kind` is the kind of the row, and before the impact the contact state.
 
     Examples
     --------
@@ -86,7 +91,8 @@ def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
     rows = run.events.isel(event=np.flatnonzero(struck))
     before = run.states(max(0.0, time - 1e-9 * dm.period))
     theta, theta_rate = float(before["theta"]), float(before["theta_rate"])
-    # lateral velocity of each end per theta' cos(beta) and per axial spin, and what a unit impulse gives of these
+    # lateral velocity of each end per theta' cos(beta) and per axial spin; change of these rates per unit of its
+    # impulse
     levers = np.array([[end.r * dm.sin_0 - end.h, -end.r * dm.cos_0] for end in (dm.p1, dm.p2)])
     gives = levers * [dm.it, dm.ia]
     turning = np.array([theta_rate * dm.cos_0, float(before["gamma_rate"]) + theta_rate * dm.sin_0])
@@ -107,21 +113,22 @@ def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
 
 
 def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *, color: str | None = None) -> None:
-    """Phase portrait of an angle, its contact states marked as in the paper's Fig. 3.
+    """Draw the phase portrait of an angle, with its contact states as in the paper's Fig. 3.
 
-    Solid: FM and SI. Dashed: contact. In a double impact, dots while both ends slip, circles while one sticks.
+    Lines are solid in free motion and single impacts, and dashed in contact. In a double impact there are dots while
+    both ends slip, and circles while one sticks.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
     run : Run
-        Recorded.
+        A recorded run.
     angle : str
-        beta, theta or gamma; the last two are counted from the start.
+        beta, theta or gamma; theta and gamma are counted from the start.
     span : tuple of float
         Start and stop [s].
     color : str, optional
-        Of lines and marks; that of text by default.
+        Colour of lines and marks, by default that of text.
 
     Examples
     --------
@@ -143,7 +150,7 @@ def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *,
     rates = states[f"{angle}_rate"].values
     style = np.where(states["contact_state"].values == 0, "-", "--")
     double = np.isin(states["time"].values, events["time"].values[events["kind"].str.startswith("DI")])
-    # a piece ends where the style changes, or where a double impact, drawn by itself, breaks the curve
+    # a piece of the curve ends where the style changes, or at a double impact, which is drawn by itself
     breaks = np.flatnonzero((style[1:] != style[:-1]) | double[1:]) + 1
     for first, last in zip([0, *breaks], [*breaks, style.size], strict=True):
         stop = last + 1 if last < style.size and not double[last] else last
@@ -161,9 +168,10 @@ def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *,
 
 
 def strobes(axes: Axes, run: SeenRun, angle: str) -> None:
-    """Rate of an angle at the start of each forcing period, of a motion that does not repeat: over beta, or over itself.
+    """Draw the rate of an angle at the start of each forcing period, for a motion that does not repeat.
 
-    Precession and spin, whose angles have no bounds, are drawn against their rate one period later.
+    The rate of beta is drawn over beta. Precession and spinning angle have no bounds: their rates are drawn over the
+    rates one period before.
     """
     section = run.section()
     rates = section[f"{angle}_rate"].values
@@ -174,13 +182,13 @@ def strobes(axes: Axes, run: SeenRun, angle: str) -> None:
     else:
         x, y, cycles = rates[:-1], rates[1:], cycles[1:]
         axes.set(xlabel=f"${letter}_n$ [rad/s]", ylabel=f"${letter}_{{n+1}}$ [rad/s]")
-    later = cycles >= cycles[-1] // 2  # transients are left out
+    later = cycles >= cycles[-1] // 2  # the first half may have transients
     axes.plot(x[later], y[later], ".", color=MODE_COLORS["aperiodic"], markersize=3)
     axes.xaxis.set_major_locator(MaxNLocator(5))
 
 
 def _impact_marks(axes: Axes, course: xr.Dataset, name: str, value: float, color: str) -> None:
-    """A double impact in a phase portrait, where it is a vertical line: marks along each of its rows."""
+    """Draw a double impact in a phase portrait, as a vertical line of marks along each of its rows."""
     rates, kinds = course[name].values, names(course["kind"]).values
     step = np.ptp(rates) / 14 or 1.0
     for start, stop, kind in zip(rates[:-1], rates[1:], kinds[1:], strict=True):
@@ -190,7 +198,7 @@ def _impact_marks(axes: Axes, course: xr.Dataset, name: str, value: float, color
 
 
 def heights(axes: Axes, run: SeenRun, span: tuple[float, float]) -> None:
-    """Plate, p1 and p2 against time in forcing periods, as in the paper's Fig. 2; `span` is start and stop [s].
+    """Draw plate, p1 and p2 against time in forcing periods, as in the paper's Fig. 2; `span` is start and stop [s].
 
     Examples
     --------
@@ -214,7 +222,7 @@ def heights(axes: Axes, run: SeenRun, span: tuple[float, float]) -> None:
 
 
 def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
-    """Path of the centre of mass seen from above, as in the paper's Fig. 6, with its velocity at some moments.
+    """Draw the path of the centre of mass from above, as in the paper's Fig. 6, with arrows of its velocity.
 
     Examples
     --------
@@ -232,12 +240,12 @@ def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
     axes.plot(x, y, color="#d62728", linewidth=1)
     step = (x.size - 1) // run.n_periods
     at = np.linspace(0, x.size - 1 - step, arrows).astype(int)
-    # over a whole forcing period: the mean velocity, without the wobble
+    # displacement over a whole forcing period: the mean velocity, without the wobble within a period
     u, v = x[at + step] - x[at], y[at + step] - y[at]
     scale = 9 * max(np.hypot(u, v).max(), 1e-300) / (max(np.ptp(x), np.ptp(y)) or 1.0)
     how: Any = {"color": "#0072b2", "width": 5e-3, "zorder": 3}
     axes.quiver(x[at], y[at], u, v, angles="xy", scale_units="xy", scale=scale, **how)
-    axes.update_datalim(np.column_stack([x[at] + u / scale, y[at] + v / scale]))  # heads of arrows are not cut
+    axes.update_datalim(np.column_stack([x[at] + u / scale, y[at] + v / scale]))  # so that heads of arrows are not cut
     axes.plot(x[:1], y[:1], "o", color=ink(), markersize=5, label="start")
     axes.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
     axes.legend(fontsize="small", loc="lower right", bbox_to_anchor=(1, 1), frameon=False)
@@ -245,14 +253,14 @@ def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
 
 
 def run_figure(run: SeenRun, periods: int = 4, **look: Unpack[Look]) -> Figure:
-    """One run: normal displacements, orbit of the centre of mass, and the phase portraits of its last cycle.
+    """Draw one run: normal displacements, orbit of the centre of mass, and the phase portraits of its last cycle.
 
     Parameters
     ----------
     run : Run
-        Recorded.
+        A recorded run.
     periods : int
-        Forcing periods shown of the normal displacements, counted from the end.
+        Forcing periods of the normal displacements to show, up to the end.
     **look : see `Look`
 
     Returns
@@ -288,7 +296,7 @@ def run_figure(run: SeenRun, periods: int = 4, **look: Unpack[Look]) -> Figure:
 
 
 def contact_legend(color: str | None = None) -> list[Line2D]:
-    """Handles for what `portrait` draws; their colour is that of text by default.
+    """Return handles of a legend for `portrait`; their colour is that of text by default.
 
     Examples
     --------
@@ -308,15 +316,17 @@ def contact_legend(color: str | None = None) -> list[Line2D]:
 
 
 def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
-    """Works in each contact state, per forcing period, over the last ones of a run; one bar a term, on a symmetric log axis.
+    """Draw the works in each contact state, per forcing period, over the last periods of a run.
+
+    Each term is a bar, on a symmetric logarithmic axis.
 
     Parameters
     ----------
     axes : matplotlib.axes.Axes
     run : Run
-        Recorded.
+        A recorded run.
     periods : int
-        Forcing periods to take the mean of, at most those of the run.
+        Forcing periods over which the mean is taken, at most those of the run.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What all pictures share: colours, the place that they are drawn in, labels of parameters, and files they may go to."""
+"""Share colours, figures, labels of parameters and files of pictures among all pictures."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -26,7 +26,7 @@ from dimersweep.storage.files import disk_errors, replacing
 from dimersweep.storage.outputs import check_output
 from dimersweep.symbols import PARAMETERS, QUANTITIES, conditions, is_angle, symbol, units_of, units_shown
 
-# after Okabe and Ito: at least 20 apart in CIELAB to readers with deuteranopia or protanopia, too
+# after Okabe and Ito: any two are at least 20 apart in CIELAB, also as seen with deuteranopia or protanopia
 MODE_COLORS = {
     "not_run": "#ffffff",
     "failed": "#000000",
@@ -41,33 +41,35 @@ MODE_COLORS = {
     "slides": "#6a053a",
 }
 MODE_LABELS = {word: word for word in MODE_COLORS} | {
-    "rest": "rest: both ends down",  # it may roll on
+    "rest": "rest: both ends down",  # not "at rest": it may roll on
     "rolls": "rolls: both ends down, speed changes",
     "slides": "slides: both ends down, slipping",
 }
-ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#dd99cc", "#e69f00")  # the paper's three first
-WAYS = tuple(f"going {word}" for word in DIRECTIONS)  # along the last axis, of cubes whose state was carried
+ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#dd99cc", "#e69f00")  # the first three are the paper's
+WAYS = tuple(f"going {word}" for word in DIRECTIONS)  # words for the directions in which a state was carried
 WAY_MARKERS = (">", "<")
 PICTURES = (".png", ".pdf", ".svg")
-DPI = 200  # of a picture that is not made of lines
-FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}  # that journals take; text stays text
-COLUMN = 4.5  # inches: less is the width of a column of a paper, in which panels and legend stand one below the other
-CLOSE_PANELS = 1e3  # span of a logarithmic scale beyond which marks at 2 and 5, too, would be too many
-INDISTINCT = 1e-12  # of what is shown, in its unit: values that differ by less are drawn as one
+DPI = 200  # resolution of a PNG, and of images in other files [dots per inch]
+# TrueType fonts, which journals take; in SVG text stays text
+FONTS: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "svg.fonttype": "none"}
+# width [inches] below which a figure is as narrow as a column of a paper: panels and legend stand one below the other
+COLUMN = 4.5
+CLOSE_PANELS = 1e3  # span of a logarithmic scale beyond which ticks at 2 and 5, too, would be too many
+INDISTINCT = 1e-12  # relative difference of values, absolute below 1, that is round-off: such values are drawn as one
 
 
 class Look(TypedDict, total=False):
-    """What every picture takes besides what it shows.
+    """Options of every picture besides its data: where it is drawn, its size and its title.
 
     Attributes
     ----------
     ax : matplotlib Axes, Figure or SubFigure
-        Where to draw: an Axes for a picture of one panel, an empty Figure or SubFigure for any; else a figure is made. Above
-        an Axes there is no heading but `title`; its legend stands to its right.
+        Where to draw: an Axes for a picture of one panel, an empty Figure or SubFigure for any; by default a new
+        figure. An Axes has no heading but `title`, and its legend stands to its right.
     size : tuple of float
-        Width and height of the figure that is made [inches].
+        Width and height of a new figure [inches].
     title : str
-        The heading, in place of the one that tells the parameters; "" for none.
+        The heading, in place of the parameters; "" for none.
 
     Examples
     --------
@@ -82,7 +84,7 @@ class Look(TypedDict, total=False):
 
 
 class Drawing(Figure):
-    """A figure that is laid out by itself, and has the same size in pixels and the same kind of fonts whoever saves it."""
+    """Figure with its own layout, and with one size in pixels and one kind of fonts whoever saves it."""
 
     def __init__(self, width: float, height: float) -> None:
         super().__init__(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.08))
@@ -95,7 +97,7 @@ class Drawing(Figure):
 
 @dataclass(frozen=True)
 class Board:
-    """Where a picture is drawn: its figure, and the one Axes, if it was given, with its title."""
+    """Place where a picture is drawn: its figure, and the Axes that a user gave, if any, with its title."""
 
     figure: Any
     given: Any = None
@@ -103,16 +105,16 @@ class Board:
 
     @property
     def axes(self) -> list[Axes]:
-        """All panels of a figure, or the one that was given."""
+        """All panels of the figure, or the Axes that was given."""
         return [self.given] if self.given else self.figure.axes
 
     def legend(self, where: str, handles: Sequence[Any], **how: Any) -> None:
-        """A legend outside of the panels, where it hides nothing."""
+        """Draw a legend outside of the panels, where it hides nothing."""
         if handles and self.given is None:
             most = how.pop("ncols", 1)
             if narrow(self.figure):
                 where, most = "lower center", min(4, len(handles))
-            for columns in range(most, 0, -1):  # as many as there is room for
+            for columns in range(most, 0, -1):  # as many columns as there is room for
                 legend = self.figure.legend(handles=handles, loc=f"outside {where}", ncols=columns, **how)
                 if columns == 1 or legend.get_window_extent().width <= self.figure.bbox.width:
                     return
@@ -122,7 +124,7 @@ class Board:
             self.given.legend(handles=handles, **how | beside)
 
     def done(self, above: float = 6.0) -> Figure:
-        """The figure, once all is drawn; the title stands so much `above` an Axes that was given [pt]."""
+        """Finish the picture and return its figure; a title stands `above` a given Axes by that distance [pt]."""
         for axes in self.axes:
             beyond_round_off(axes)
         if self.title:
@@ -131,7 +133,10 @@ class Board:
 
 
 def board(look: Look, size: tuple[float, float], heading: str = "", **panels: Any) -> tuple[Board, Any]:
-    """A figure of `size` in inches with a heading and its panels, see `Figure.subplots`; or what a `look` asks for."""
+    """Return a board with a heading, and its panels as `Figure.subplots` or `Figure.subplot_mosaic` makes them.
+
+    They are in a new figure of `size` [inches], or in the place that `look` gives.
+    """
     if left := look.keys() - Look.__optional_keys__:
         raise TypeError(f"{min(left)}: unknown option (allowed: {', '.join(Look.__annotations__)})")
     ax, wanted, title = look.get("ax"), look.get("size"), look.get("title")
@@ -147,7 +152,8 @@ def board(look: Look, size: tuple[float, float], heading: str = "", **panels: An
         raise ParameterError(f"ax: is a {type(ax).__name__}; give an Axes, a Figure or a SubFigure")
     figure = Drawing(*(wanted or size)) if ax is None else ax
     entitle(figure, heading if title is None else title)
-    if not narrow(figure) or {panels.get("sharex"), panels.get("sharey")} & {"col", "row"}:  # a matrix stays one
+    # panels that share axes by row or column stay a matrix in a narrow figure, too
+    if not narrow(figure) or {panels.get("sharex"), panels.get("sharey")} & {"col", "row"}:
         return Board(figure), figure.subplot_mosaic(mosaic) if mosaic else figure.subplots(**panels)
     if mosaic:
         return Board(figure), figure.subplot_mosaic([[each] for each in dict.fromkeys(np.concatenate(mosaic).tolist())])
@@ -158,12 +164,12 @@ def board(look: Look, size: tuple[float, float], heading: str = "", **panels: An
 
 
 def narrow(figure: Any) -> bool:
-    """Return whether a figure is as narrow as a column of a paper."""
+    """Return True if a figure is as narrow as a column of a paper."""
     return bool(figure.bbox.width < COLUMN * figure.dpi)
 
 
 def beyond_round_off(axes: Axes) -> None:
-    """Widen the linear scales of axes that would show round-off."""
+    """Widen linear axes on which only round-off would be seen."""
     for axis in (axes.xaxis, axes.yaxis):
         shown = tuple(axis.get_view_interval())
         if axis.get_scale() == "linear" and widened(*shown) != shown:
@@ -171,7 +177,7 @@ def beyond_round_off(axes: Axes) -> None:
 
 
 def widened(low: float, high: float) -> tuple[float, float]:
-    """Ends of a scale, set apart where round-off alone lies between them."""
+    """Return the ends of a scale, set apart by a tenth of their size if only round-off lies between them."""
     size = max(abs(low), abs(high))
     if abs(high - low) > INDISTINCT * max(1.0, size):
         return low, high
@@ -180,37 +186,40 @@ def widened(low: float, high: float) -> tuple[float, float]:
 
 
 def ink() -> str:
-    """The colour of lines that are black on white, in the style."""
+    """Return the colour of lines that are black on a white ground, in the current style of matplotlib."""
     return to_hex(rcParams["text.color"])
 
 
 def mode_colors() -> dict[str, str]:
-    """Of each mode, in the style: black and white are the other way round on a dark ground."""
+    """Return the colour of each mode in the current style of matplotlib.
+
+    On a dark ground black and white are exchanged.
+    """
     dark = np.mean(to_rgb(rcParams["axes.facecolor"])) < 0.5
     return MODE_COLORS | ({"not_run": "#000000", "failed": "#ffffff"} if dark else {})
 
 
 def row_colors(n: int) -> list[Any]:
-    """Colours of `n` curves in one panel, all of them distinct."""
+    """Return `n` distinct colours for the curves in one panel."""
     if n <= len(ROW_COLORS):
         return [ink() if color == "#000000" else color for color in ROW_COLORS[:n]]
     return [colormaps["viridis"](k / (n - 1)) for k in range(n)]
 
 
 def given(name: str, value: float) -> str:
-    """A parameter and its value, such as f = 15 Hz, with its symbol in TeX; or the way that a state was carried."""
+    """Return a parameter and its value, such as f = 15 Hz, with its symbol in TeX; or a direction in words."""
     return WAYS[int(value)] if name == "direction" else symbols.given(name, value, tex=True)
 
 
 def with_units(text: str, units: str) -> str:
-    """A text and the units behind it, if there are any."""
+    """Return a text with its units in brackets, if there are any."""
     return f"{text} [{units}]" if units else text
 
 
 def label(name: str, *, tex: bool = True, own: Mapping[str, Any] | None = None) -> str:
-    """Axis label of a parameter, its symbol, or of a quantity, its name; and the unit that it is shown in.
+    """Return the label of an axis: the symbol of a parameter or the name of a quantity, with the unit that is shown.
 
-    That of an observer's variable is its long name, from the attributes of its `own`.
+    The variable of a user's observer is labelled by its long name, from its attributes `own`.
     """
     if name in PARAMETERS:
         return with_units(symbol(name, tex=tex), units_of(name))
@@ -221,7 +230,7 @@ def label(name: str, *, tex: bool = True, own: Mapping[str, Any] | None = None) 
 
 
 class _InDegrees:
-    """Places on an axis in radians that are round in degrees, those that another locator finds there."""
+    """Mixin for a locator of ticks: on an axis in radians its places are round numbers of degrees."""
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         return np.deg2rad(super().tick_values(np.rad2deg(vmin), np.rad2deg(vmax)))  # type: ignore[misc]
@@ -234,9 +243,10 @@ class _LogDegrees(_InDegrees, LogLocator): ...
 
 
 def mark(axis: Axis, name: str) -> None:
-    """Label an axis with the symbol and unit of a parameter; an angle has ticks in degrees, its values being radians.
+    """Label an axis with the symbol and unit of a parameter.
 
-    That of the direction in which a state was carried has its words.
+    An angle has ticks in degrees, while its values are in radians. The axis of the direction in which a state was
+    carried has words as ticks.
     """
     if name == "direction":
         axis.set_ticks(range(len(WAYS)), labels=WAYS)
@@ -252,14 +262,15 @@ def mark(axis: Axis, name: str) -> None:
 
 
 def percent(share: float) -> str:
-    """A share that is not 0, such as 12.3 %."""
+    """Return a share above 0 as a text such as 12.3 %."""
     return f"{100 * share:.1f} %" if share >= 5e-4 else "< 0.1 %"
 
 
 def log_scale(axes: Axes) -> None:
-    """A logarithmic y axis with plain numbers: at 1, 2 and 5, or evenly where what is drawn spans less than a decade.
+    """Make the y axis logarithmic, with plain numbers.
 
-    Where nothing is drawn the axis stays as it is.
+    They stand at 1, 2 and 5 of each decade, at 1 alone over more than three decades, and at even distances within one
+    decade. Where nothing is drawn the axis stays as it is.
     """
     if not np.isfinite(axes.dataLim.minposy):
         return
@@ -272,7 +283,7 @@ def log_scale(axes: Axes) -> None:
 
 
 def fixed_of(cube: xr.Dataset) -> tuple[dict[str, float], list[str]]:
-    """The parameters that have one value all over a cube, and the names of the others."""
+    """Return the parameters that have one value all over a cube, and the names of the others."""
     told = reduced({name: cube[name].variable for name in PARAMETERS if name in cube.coords and cube[name].size})
     columns = {name: values.values.ravel() for name, values in told.items()}
     varied = [name for name, values in columns.items() if (values != values[0]).any()]
@@ -280,41 +291,44 @@ def fixed_of(cube: xr.Dataset) -> tuple[dict[str, float], list[str]]:
 
 
 def title(cube: xr.Dataset) -> str:
-    """The fixed parameters of a cube: those of the paper's captions, and all that differ from the base case."""
+    """Return the fixed parameters of a cube in words.
+
+    They are the parameters in the paper's captions, and all others that differ from the base case.
+    """
     return conditions(*fixed_of(cube), tex=True)
 
 
 def entitle(figure: FigureBase, heading: str) -> Text:
-    """Write a heading above all panels, in as many lines as the figure's width asks for."""
+    """Write a heading above all panels, in as many lines as the figure's width needs."""
     return figure.suptitle(heading, fontsize="medium", wrap=True)
 
 
 def framed(
     look: Look, cube: xr.Dataset, size: tuple[float, float], heading: str = "", **panels: Any
 ) -> tuple[Board, Any]:
-    """See `board`; with the title of `cube` behind a heading."""
+    """Return a board and its panels, see `board`; the heading ends with the fixed parameters of `cube`."""
     return board(look, size, heading + title(cube), **panels)
 
 
 def face(color: Any, label: str, edgecolor: str = "", linewidth: float | None = 0.5, hatch: str = "") -> Patch:
-    """The handle of a legend for areas of a colour."""
+    """Return the handle of a legend for areas of a colour."""
     return Patch(facecolor=color, edgecolor=edgecolor or ink(), linewidth=linewidth, hatch=hatch or None, label=label)
 
 
 def spread(n: int, most: int) -> np.ndarray:
-    """At most so many of n places, evenly."""
+    """Return at most `most` of n places, evenly spread, the first and last among them."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
 
 
 def check_picture(path: str | os.PathLike[str], *, force: bool = False, name: str = "out") -> Path:
-    """Refuse a picture file that could not be written, before any work is done.
+    """Refuse a picture file that could not be written, before any work is done; return its path.
 
     Raises
     ------
     ParameterError
         If its ending is none of `PICTURES`.
     StoreError
-        As for a cube.
+        If the file could not be written.
 
     Examples
     --------
@@ -326,12 +340,12 @@ def check_picture(path: str | os.PathLike[str], *, force: bool = False, name: st
 
 
 def write_picture(figure: Figure, path: str | os.PathLike[str], *, force: bool = False, **how: Any) -> None:
-    """Write `figure` to a file; `how` is handed to `Figure.savefig`.
+    """Write `figure` to a file; other arguments go to `Figure.savefig`.
 
     Raises
     ------
     ParameterError, StoreError
-        As by `check_picture`; or the disk refuses.
+        If `check_picture` refuses the file, or it cannot be written.
 
     Examples
     --------

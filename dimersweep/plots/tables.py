@@ -1,4 +1,4 @@
-"""Runs, orbits and cubes as small tables of HTML, for notebooks."""
+"""Show runs, orbits and cubes as small tables of HTML, for notebooks."""
 
 from collections.abc import Iterable
 from html import escape
@@ -17,7 +17,11 @@ SHOWN_OF_ORBIT = ("radius", "path_radius", "period", "zeta", "speed", "impact_ph
 
 
 def run_rows(run: SeenRun) -> list[tuple[str, str]]:
-    """What a run is, besides its mode: parameters unlike the base case, its orbit with units; what its words mean."""
+    """Return the rows of a run's table, by name, without its mode.
+
+    They are parameters that differ from the base case, numbers of the run and its orbit with units, and meanings of its
+    words.
+    """
     rows = [
         ("parameters", run.conditions(always=()) or "the base case"),
         ("periods", f"{run.n_periods} of {1 / run.parameters['f']:.4g} s"),
@@ -33,7 +37,7 @@ def run_rows(run: SeenRun) -> list[tuple[str, str]]:
 
 
 def _numbers(orbit: Any, shown: Iterable[str]) -> list[tuple[str, str]]:
-    """Numbers of an orbit by their names, with units."""
+    """Return the numbers `shown` of an orbit by their names, with units."""
     values = {name: getattr(orbit, name) for name in shown}
     return [
         (
@@ -45,7 +49,7 @@ def _numbers(orbit: Any, shown: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def orbit_table(orbit: Any) -> str:
-    """What a `PeriodicOrbit` is: its parameters but for a start, its numbers, its stability and its sequence."""
+    """Return the table of a `PeriodicOrbit`: its parameters but for a start, numbers, stability and sequence."""
     largest = f"{abs(orbit.multipliers[0]):.6g}, the largest of the fast part in size"
     rows = [
         ("parameters", conditions(orbit.parameters, START, always=()) or "the base case"),
@@ -58,18 +62,18 @@ def orbit_table(orbit: Any) -> str:
 
 
 def run_table(run: SeenRun) -> str:
-    """What a run is: its mode and what that means, and all of `run_rows`."""
+    """Return the table of a run: its mode and the meaning of the mode, and all of `run_rows`."""
     rows = [("", meanings(run)[run.mode]), *run_rows(run)]
     return _table(f"Run: {_badge(run.mode)}{escape(repeats_in(run))}", rows)
 
 
 def repeats_in(run: SeenRun) -> str:
-    """In how many periods a motion repeats, as it is said behind its mode, if they are more than one."""
+    """Return the words behind a mode that say in how many periods the motion repeats; "" for one period."""
     return f", repeats every {run.mode_period} periods" if run.mode_period > 1 else ""
 
 
 def cube_table(cube: xr.Dataset) -> str:
-    """What a cube is: its title, its axes, its fixed parameters, and how often each mode occurs."""
+    """Return the table of a cube: its title, its axes, its fixed parameters, and the number of points in each mode."""
     mode = cube["mode"]
     rows = []
     for name, n in mode.sizes.items():
@@ -84,7 +88,7 @@ def cube_table(cube: xr.Dataset) -> str:
 
 
 def _speeds(cube: xr.Dataset, word: str) -> str:
-    """What a mode of ends that stay down means in a cube: how fast the dimer rolls or slides on."""
+    """Return words about a mode of ends that stay down: the speeds at which the dimers of a cube move on."""
     if word not in DOWN_WORDS:
         return ""
     speeds = cube["speed"].values[(cube["mode"].values == MODES.index(word)) & np.isfinite(cube["speed"].values)]
@@ -93,16 +97,18 @@ def _speeds(cube: xr.Dataset, word: str) -> str:
 
 
 def title_as_html(cube: xr.Dataset) -> str:
-    """The title of a cube, in which nothing is markup: a file may bring any."""
+    """Return the title of a cube, escaped: a file may have any text there."""
     return escape(str(cube.attrs.get("title", "cube of dimersweep")))
 
 
 def _badge(mode: str) -> str:
+    """Return the HTML of a mode with a bar in its colour."""
     color = MODE_COLORS[mode]
     return f'<span style="border-left: 0.8em solid {color}; padding-left: 0.3em">{escape(mode)}</span>'
 
 
 def _table(heading: str, rows: Iterable[tuple[str, str]]) -> str:
+    """Return the HTML of a table: `heading` is HTML, the names and values in `rows` are texts."""
     cell = 'style="text-align: left; padding: 0 1em 0 0"'
     body = "".join(f"<tr><td {cell}>{escape(name)}</td><td {cell}>{escape(value)}</td></tr>" for name, value in rows)
     return f"<table><caption style='text-align: left'><b>{heading}</b></caption>{body}</table>"

@@ -1,4 +1,4 @@
-"""A run to look at: what a page is told of it, and a page of HTML that plays it in a browser without a network."""
+"""Build a page of HTML that plays a run in a browser without a network, from the data of the run."""
 
 import json
 from collections.abc import Mapping
@@ -18,9 +18,9 @@ from dimersweep.plots.style import MODE_COLORS
 from dimersweep.plots.tables import repeats_in, run_rows
 from dimersweep.symbols import BASE, LEFT_OUT, START, is_angle, units_of
 
-FRAMES_A_PERIOD = 100  # at most: curves are drawn through them
-TRACK_POINTS = 400  # of a whole run
-SHOWN_DIGITS = 4  # of the radius of a ball, and as many places in all coordinates
+FRAMES_A_PERIOD = 100  # most frames of a period: the curves of the page are drawn through them
+TRACK_POINTS = 400  # points of the track of a whole run
+SHOWN_DIGITS = 4  # digits of the radius of a ball; all coordinates have as many decimals as that
 USUAL_SPEED = 0.1  # seconds of the run in a second of the page
 PAGE = Path(__file__).with_name("view.html")
 IFRAME = '<iframe title="dimersweep" style="width: 100%; height: 720px; border: 0" {}></iframe>'
@@ -28,7 +28,7 @@ IFRAME = '<iframe title="dimersweep" style="width: 100%; height: 720px; border: 
 
 @dataclass(frozen=True, repr=False)
 class View:
-    """A page of HTML, which needs nothing else, and shows itself in a notebook."""
+    """Page of HTML, complete in itself, that shows itself in a notebook."""
 
     html: str
 
@@ -37,14 +37,14 @@ class View:
 
 
 def stretch_of(run: SeenRun, periods: int, *, last: bool) -> Playback:
-    """The stretch of a run that a page shows, in as many frames as its curves need."""
+    """Return the part of a run that a page shows, in as many frames as its curves need; a period takes a second."""
     check_shown(run, "view")
     fps = max(1, min(FRAMES_A_PERIOD, MOST_FRAMES // check_count("periods", periods)))
-    return playback_of(run, periods, 1 / run.parameters["f"], fps, last=last)  # a period in a second
+    return playback_of(run, periods, 1 / run.parameters["f"], fps, last=last)
 
 
 def seen(run: SeenRun, playback: Playback, settings: Mapping[str, Any] | None = None) -> dict[str, Any]:
-    """What a page is told of a run: its verdict, its numbers, how it is made again with `settings`, what is drawn [mm]."""
+    """Return the data of a run for a page: its verdict, its numbers, its code with `settings`, its pictures [mm]."""
     shown = frames(run, playback)
     (first, second), centre = shown.balls[0], shown.centre[0]
     digits = SHOWN_DIGITS - int(np.ceil(np.log10(shown.radii.min())))
@@ -55,13 +55,14 @@ def seen(run: SeenRun, playback: Playback, settings: Mapping[str, Any] | None = 
         "color": MODE_COLORS[run.mode],
         "says": meanings(run)[run.mode] + ("" if run.status == "ok" else f" ({run.message})"),
         "conditions": run.conditions(),
-        "numbers": run_rows(run)[1:],  # without the parameters, which are told
+        "numbers": run_rows(run)[1:],  # without the parameters, which are in `conditions`
         "given": {name: as_shown(name, value) for name, value in changed(run).items()},
         "copy": written(run, settings),
         "f": run.parameters["f"],
         "radii": shown.radii.tolist(),
         "rod": 1e3 * run.parameters["D_r"],
-        "share": float(np.linalg.norm(centre - first) / np.linalg.norm(second - first)),  # where the centre of mass is
+        # distance of the centre of mass from ball 1, over the distance of the balls
+        "share": float(np.linalg.norm(centre - first) / np.linalg.norm(second - first)),
         "room": shown.room.as_matrix().tolist(),
         "pace": playback.fps / playback.speed,
         "cycles": np.round(shown.cycles, 4).tolist(),
@@ -74,18 +75,21 @@ def seen(run: SeenRun, playback: Playback, settings: Mapping[str, Any] | None = 
 
 
 def changed(run: SeenRun) -> dict[str, float]:
-    """The parameters of a run that are not those of the base case."""
+    """Return the parameters of a run that differ from the base case."""
     usual = LEFT_OUT | BASE
     return {name: value for name, value in reduced(run.parameters).items() if value != usual.get(name)}
 
 
 def as_shown(name: str, value: float) -> str:
-    """A value of a parameter in the unit that it is shown in, without that."""
+    """Return a value of a parameter as text in the unit in which it is shown, without the unit."""
     return f"{degrees(value) if is_angle(name) else 1e3 * value if units_of(name) == 'mm' else value:.12g}"
 
 
 def written(run: SeenRun, settings: Mapping[str, Any]) -> dict[str, str]:
-    """How a run is made again, in Python, and from its parameters as a command and as a sweep file of one point, too."""
+    """Return code that makes a run again, by the names Python, command, and TOML (a sweep file of one point).
+
+    A run that starts from a given state has Python only.
+    """
     values: dict[str, Any] = {name: _exact(name, value) for name, value in changed(run).items()}
     begun = getattr(run, "start", None)
     if begun is not None:
@@ -108,13 +112,16 @@ def written(run: SeenRun, settings: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _exact(name: str, value: float) -> float | str:
-    """A value that is read as this very number: an angle in degrees, where it can be."""
+    """Return a value that is read back as exactly this number: an angle as text in degrees, if that is possible."""
     text = f"{as_shown(name, value)} deg" if is_angle(name) else ""
     return text if text and number(name, text) == value else value
 
 
 def filled(told: Mapping[str, Any], title: str, beside: str = "") -> str:
-    """The page, with what it is told and what stands beside its pictures; nothing in the former is markup."""
+    """Return the page with the data `told` and the title, and with the HTML `beside` next to its pictures.
+
+    Nothing in the data is markup.
+    """
     look = {"balls": BALLS, "rod": ROD, "marks": MARKS}
     data = json.dumps({"look": look, **told}, allow_nan=False).replace("<", "\\u003c")
     page = PAGE.read_text(encoding="utf-8").replace("<!-- beside -->", beside)
@@ -122,5 +129,8 @@ def filled(told: Mapping[str, Any], title: str, beside: str = "") -> str:
 
 
 def page_of(run: SeenRun, playback: Playback, speed: float | None = None) -> str:
-    """A page of one run, with no need of a network or a program; it plays at `speed`, by default that of the playback."""
+    """Return a page of one run, which needs no network and no other program.
+
+    It plays at `speed`, by default that of the playback.
+    """
     return filled({"run": seen(run, playback), "speed": playback.speed if speed is None else speed}, run.conditions())
