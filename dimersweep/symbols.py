@@ -35,7 +35,7 @@ BASE = {
 
 
 def _of_ends(name: str, units: str, meaning: str) -> dict[str, Quantity]:
-    """Return one quantity for each end, with the number of the end in its name and its meaning."""
+    """Return one quantity for each end: in `name` and `meaning`, {} becomes the number of the end."""
     return {name.format(end): Quantity(units, meaning.format(end)) for end in (1, 2)}
 
 
@@ -89,8 +89,7 @@ for _wave, _way in zip(WAVES, ("its normal", "its axis X", "its axis Y"), strict
             _intensity, Quantity("1", f"intensity of {_said}, its amplitude times ({_k} omega)^2 / g")
         )
         PARAMETERS.setdefault(_phase, Quantity("rad", f"phase of {_said}"))
-# parameters that may differ from end to end: X is the value of both ends; X_1 and X_2, where given, are those of p1 and
-# p2
+# parameters that may differ from end to end: X is the value of both ends, X_1 and X_2, where given, of p1 and p2
 ENDS = {name: (f"{name}_1", f"{name}_2") for name in PARAMETERS if f"{name}_1" in PARAMETERS}
 # parameters of the start but for the plate's phase: a run that starts from a given state takes none of them
 START = START_ROW
@@ -304,7 +303,7 @@ TRACK_MEANINGS = {
 }
 MOTIONS_PAGE = "docs/motions.md"  # page that explains the modes of motion
 
-# quantities of each event of a recorded run, and below of its state at any time
+# quantities of each event of a recorded run
 EVENT_QUANTITIES = {
     "time": Quantity("s", "time since the start", 0),
     "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)", 0, 2 * pi),
@@ -324,6 +323,7 @@ EVENT_QUANTITIES = {
     "slip_2_a": Quantity("m s-1", "velocity of contact point p2 after the event, along the axis p1-p2"),
     "slip_2_b": Quantity("m s-1", "velocity of contact point p2 after the event, across the axis p1-p2"),
 }
+# quantities of the state of a recorded run at any time
 STATE_QUANTITIES = {
     "phase": Quantity("rad", "phase of the plate, omega t + phi0, in [0, 2 pi)", 0, 2 * pi),
     "x1": Quantity("m", "x of the centre of ball 1"),
@@ -346,8 +346,8 @@ STATE_QUANTITIES = {
     "plate": Quantity("m", "height of the plate over its mean"),
     "contact_state": Quantity("1", "contact state (Table 1 of the paper)"),
 }
-# former names of two of these, in files of earlier versions: `spin` is now the axial spin gamma' + theta' sin(beta)
-# everywhere
+# former names of two of these, in files of earlier versions. By now `spin` is the axial spin everywhere,
+# gamma' + theta' sin(beta)
 FORMER_NAMES = {"spin": "gamma", "spin_rate": "gamma_rate"}
 # energy of a run in the room at any time, and the forces of the plate on both ends
 FORCES = {

@@ -231,7 +231,7 @@ def same_number(one: float, other: float) -> bool:
 def line_number(configuration: Mapping[str, Any]) -> int:
     """Return the number of the line along which a state was carried (`number_of`).
 
-    It tells the last axis, its values, and the names of all other parameters that were given.
+    It is computed from the last axis, its values, and the names of all other parameters that were given.
     """
     *others, (axis, values) = configuration["grid"].items()
     return number_of(json.dumps([axis, values, *sorted({*dict(others), *configuration["fixed"]})]))
@@ -272,7 +272,7 @@ def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def check_codes(flags: xr.DataArray) -> None:
-    """Refuse a flag variable whose codes are no whole numbers any more; its values are not read.
+    """Refuse a flag variable whose codes are floats, as `where` makes them; its values are not read.
 
     Raises
     ------

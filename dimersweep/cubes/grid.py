@@ -102,7 +102,8 @@ def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
     ends = {each: given.get(each) for each in ("start", "stop", "step")}
     told = {each: size_and_unit(str(end)) for each, end in ends.items() if isinstance(end, str | int | float)}
     own = {unit for number, unit in told.values() if number != 0}
-    if "unit" not in given and len(own - {""}) == len(own) == 1:  # then steps in this unit are meant
+    # all numbers have one and the same unit: steps are even in this unit, and exact in its decimals
+    if "unit" not in given and len(own - {""}) == len(own) == 1:
         given |= {each: number for each, (number, _) in told.items()} | {"unit": own.pop()}
     unit = given.pop("unit", units)
     size = size_of(f"{name}.unit", unit, unit, units)

@@ -90,7 +90,7 @@ def quantity_map(cube: xr.Dataset, quantity: str, **look: Unpack[Look]) -> Figur
     Raises
     ------
     ParameterError
-        If the cube has no such numbers over its axes.
+        If `quantity` is no variable over the axes of the cube.
 
     Examples
     --------

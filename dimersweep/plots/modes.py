@@ -115,6 +115,7 @@ def regions(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     board, axes = framed(look, cube, (8, 5.6))
     region = names(cube["region"]).squeeze().values
     left, shown = ~np.isin(region, ("drift", "rest")), colors_of(mode.values)
+    # paler under the hatching of rest, white under that of drift
     shown[region == "rest"] = 0.6 * shown[region == "rest"] + 0.4
     shown[region == "drift"] = 1.0
     axes.pcolormesh(edges_of(x), edges_of(y), shown.transpose(1, 0, 2))

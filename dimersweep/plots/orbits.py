@@ -66,7 +66,7 @@ def paths(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         a, b, radius = circle_through(x[x.size // 20 :], y[y.size // 20 :])
         text = f"{given(name, value)}: $R$ = {radius:.3f} m"
         whole.plot(x - a, y - b, color=color, linewidth=0.8, label=text)
-        piece = slice(-4 * per_period - 1, None)
+        piece = slice(-4 * per_period - 1, None)  # the last four periods
         cycles = cube["cycle"].values[piece] - cube["cycle"].values[piece][0]
         teeth.plot(cycles, 1e3 * (np.hypot(x - a, y - b)[piece] - radius), color=color, linewidth=1)
     whole.set(aspect="equal", adjustable="datalim", xlabel="$x$ [m]", ylabel="$y$ [m]")
@@ -349,7 +349,7 @@ def walks(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def _velocities(axes: Axes, cube: xr.Dataset, name: str, words: np.ndarray) -> None:
-    """Draw the velocities of the circles' centres over an axis, and the words of tracks that have none."""
+    """Draw the velocities of the circles' centres over an axis; a track without a velocity is marked by its word."""
     for color, (which, (marker, text)) in zip(row_colors(2), CENTRES.items(), strict=True):
         axes.plot(cube[name], 1e3 * cube[which], f"{marker}-", color=color, markersize=4, linewidth=1, label=text)
     # words stand on the side of zero where the curve of x is not

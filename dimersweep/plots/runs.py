@@ -54,6 +54,7 @@ def last_cycle(run: SeenRun) -> tuple[float, float]:
     end, cycle = run.n_periods / run.parameters["f"], max(1, run.mode_period) / run.parameters["f"]
     times = run.events["time"].values[names(run.events["kind"]).str.startswith("DI")]
     recent = times.size > 0 and times[-1] >= end - cycle
+    # just before the last double impact: the cycle then begins with the one before, and does not end within this one
     stop = times[-1] - 1e-6 * cycle if recent else end
     return max(0.0, stop - cycle), stop
 
@@ -89,6 +90,7 @@ def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
     dm, time = dimer_from(run.parameters), as_number("time", time, "s")
     struck = (run.events["time"] == time) & (names(run.events["cause"]) == "impact")
     rows = run.events.isel(event=np.flatnonzero(struck))
+    # the state at the time of an event is the one right after it
     before = run.states(max(0.0, time - 1e-9 * dm.period))
     theta, theta_rate = float(before["theta"]), float(before["theta_rate"])
     # lateral velocity of each end per theta' cos(beta) and per axial spin; change of these rates per unit of its
@@ -144,6 +146,7 @@ def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *,
     shown = (run.events["time"] >= start) & (run.events["time"] < stop)
     events = names(run.events.isel(event=np.flatnonzero(shown)))
     jumps = np.unique(events["time"].values[events["cause"].values == "impact"])
+    # both sides of each jump: the state at the time of an event is the one right after it
     just_before = np.maximum(start, jumps - 1e-9 / run.parameters["f"])
     states = run.states(np.sort(np.concatenate([np.linspace(start, stop, 2001), just_before, jumps])))
     values = states[angle].values - (0.0 if angle == "beta" else states[angle].values[0])
@@ -242,6 +245,7 @@ def orbit(axes: Axes, run: SeenRun, arrows: int = 8) -> None:
     at = np.linspace(0, x.size - 1 - step, arrows).astype(int)
     # displacement over a whole forcing period: the mean velocity, without the wobble within a period
     u, v = x[at + step] - x[at], y[at + step] - y[at]
+    # the longest arrow is a ninth of the path's extent; 1e-300 stands in for a dimer that does not move
     scale = 9 * max(np.hypot(u, v).max(), 1e-300) / (max(np.ptp(x), np.ptp(y)) or 1.0)
     how: Any = {"color": "#0072b2", "width": 5e-3, "zorder": 3}
     axes.quiver(x[at], y[at], u, v, angles="xy", scale_units="xy", scale=scale, **how)
@@ -343,6 +347,7 @@ def energy_budget(axes: Axes, run: SeenRun, periods: int = 12) -> None:
     check_shown(run, "energy_budget")
     budget, f = run.energy("event"), run.parameters["f"]
     count = min(periods, run.n_periods)
+    # 1e-12: round-off must not drop what happens at the start of the first of these periods
     late = budget.isel(part=np.flatnonzero(budget["time"].values >= (run.n_periods - count) / f * (1 - 1e-12)))
     works = late[list(TERMS)].to_dataframe()[list(TERMS)].groupby(names(late["kind"]).values, sort=False).sum() * (
         1e6 / count

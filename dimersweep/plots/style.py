@@ -263,7 +263,7 @@ def mark(axis: Axis, name: str) -> None:
 
 def percent(share: float) -> str:
     """Return a share above 0 as a text such as 12.3 %."""
-    return f"{100 * share:.1f} %" if share >= 5e-4 else "< 0.1 %"
+    return f"{100 * share:.1f} %" if share >= 5e-4 else "< 0.1 %"  # a smaller share would read 0.0 %
 
 
 def log_scale(axes: Axes) -> None:

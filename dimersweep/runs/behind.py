@@ -1,4 +1,4 @@
-"""Find the parameters and settings of the run behind a point of a cube, or say which of them the point has lost."""
+"""Find the parameters and settings of the run behind a point of a cube, or say which of them the point lacks."""
 
 import json
 from typing import Any, NamedTuple
@@ -47,7 +47,7 @@ def behind(point: xr.Dataset) -> Behind:
     Raises
     ------
     ParameterError
-        If `point` is not one point, has lost a parameter or a setting, or has no run.
+        If `point` is not one point, lacks a parameter or a setting, or has no run.
     """
     told, parameters = _settings_of(point), _parameters_at(point)
     how = RunSettings(
@@ -63,7 +63,7 @@ def parameters_of(point: xr.Dataset) -> dict[str, float]:
     Raises
     ------
     ParameterError
-        If `point` is not one point, or has lost a parameter.
+        If `point` is not one point, or lacks a parameter.
     """
     return _reduced(_parameters_at(point))
 
@@ -80,7 +80,7 @@ def _reduced(told: dict[str, float]) -> dict[str, float]:
 
 
 def _parameters_at(point: xr.Dataset) -> dict[str, float]:
-    """Return all parameters that a point has; raise `ParameterError` if one was lost or comes from another cube."""
+    """Return all parameters that a point has; raise `ParameterError` if one is missing or comes from another cube."""
     told = {name: _value(point, name) for name in PARAMETERS if name in point.variables}
     if _tells_all(point):
         lost = [name for name in ROW if name not in told and name not in HIGHER]

@@ -224,6 +224,7 @@ def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
     way = _way_on(run, periods, "lyapunov")
     maps = map(partial(partial, _from_twin, way.section, way.settled), way.states[:-1], way.modes[:-1], way.modes[1:])
     direction, free = np.zeros(len(NAMES)), free_coordinates(way.modes[0])
+    # a random direction has parts in all others, the growing one among them; it is the same in each call
     direction[free] = np.random.default_rng(0).normal(size=len(NAMES))[free]
     growth = qr_growth(maps, direction[None] / np.linalg.norm(direction), fewest=1)
     mean, error, counted = _mean_growth(growth[:, 0], way, "lyapunov")
@@ -290,7 +291,10 @@ class _Way(NamedTuple):
 
 
 def _way_on(run: Run, periods: int, wanted: str) -> _Way:
-    """Make a run longer by `periods` to count and those before them; return its states, up to the end of its chaos."""
+    """Make a run longer by the periods before the count, and `periods` to count; return its states there.
+
+    They end where the chaos of the run ends. `wanted` names the caller, for errors.
+    """
     _end(run, wanted)
     periods = check_count("periods", periods)
     before = SETTLING + periods // SHARE

@@ -202,7 +202,8 @@ def _states(row: np.ndarray, times: np.ndarray, kernel_states: np.ndarray, modes
     sin_b, cos_b, sin_t, cos_t = np.sin(beta), np.cos(beta), np.sin(s.theta), np.cos(s.theta)
     theta_rate = s.wp / cos_b
     h_1 = dm.p1.h
-    v_a, v_b = s.ca - h_1 * sin_b * s.wb, s.cb - h_1 * s.wp  # of ball 1, along the heading and across it
+    # velocity of ball 1, along the heading and across it
+    v_a, v_b = s.ca - h_1 * sin_b * s.wb, s.cb - h_1 * s.wp
     z1 = dm.p1.r + s.d1 + plate
     columns = {
         "phase": np.mod(phase, 2 * pi),

@@ -88,9 +88,11 @@ def shadow_rtol(rtol: float) -> float:
 def nudged(given: Mapping[str, Any], by: float) -> dict[str, Any]:
     """Return parameters, numbers or columns, of a start beside the given one.
 
-    The plate is later by `by` radians, `beta0` is smaller and all rates are larger by the share `by`.
+    The plate is later by `by` radians, `beta0` is smaller and all other numbers of the start but the heading are larger
+    by the share `by`.
     """
     moved = moved_on(given, by)
+    # the dip angle becomes smaller, as a larger one may be beyond a right angle
     changed = {name: 1 - by if name == "beta0" else 1 + by for name in START if name != "theta0"}
     return moved | {name: given[name] * factor for name, factor in changed.items() if name in given}
 
@@ -256,7 +258,11 @@ def certified(
 
 
 def compared(results: tuple[np.ndarray, np.ndarray], shadow: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-    """Return CERTAIN, UNSURE or CHANGED for points with these results and those of their shadows; shape (n,)."""
+    """Return the confidence in the modes of points from their results and those of their shadows, shape (n,).
+
+    It is CHANGED where the modes differ, UNSURE where the same mode was settled in another period or after another
+    length of run, else CERTAIN.
+    """
     (out, codes), (other_out, other_codes) = results, shadow
     ended = codes[:, CODE_N_PERIODS] == other_codes[:, CODE_N_PERIODS]
     after, other_after = (numbers[:, OUT.index("settled_after")] for numbers in (out, other_out))

@@ -133,9 +133,9 @@ def _gaps(start: Mapping[str, float], dm: Dimer, rise: float) -> tuple[float, fl
 
 
 def _both(start: Mapping[str, float], name: str, apart: float, otherwise: float) -> tuple[float, float]:
-    """Return the values for p1 and p2 from a start; the value of p2 is larger by `apart`.
+    """Return the values for p1 and p2 that a start has by `name`, with the end in place of {}.
 
-    If the start has neither, p1 has the value `otherwise`.
+    If it has one of them, the value of p2 is larger by `apart`. If it has neither, p1 has the value `otherwise`.
     """
     one, two = name.format(1), name.format(2)
     first = start.get(one, start[two] - apart if two in start else otherwise)
