@@ -1,4 +1,4 @@
-"""What is asked of many runs: sweeps, searches, refined maps, and their declarations."""
+"""Studies of many runs: sweeps, searches, refined maps and loops, and the files that declare them."""
 
 from dimersweep.faces import reachable
 

@@ -1,4 +1,4 @@
-"""What is asked of an axis: values in a fixed order, tried until the answer is certain, and the answer that runs give."""
+"""Questions about an axis: the order in which its values are tried, when to stop, and the answer that the runs give."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from dimersweep.symbols import QUANTITIES, Quantity
 
 ASKS = ("any", "all", "first", "fraction")
 A_NOT_RUN, A_NO, A_YES, A_UNSURE = range(4)
-OPEN = (M_NOT_RUN, M_FAILED, M_UNRESOLVED)  # verdicts that leave an answer open
+OPEN = (M_NOT_RUN, M_FAILED, M_UNRESOLVED)  # modes of a run that leave the answer open
 ANSWER = (
     Field("answer", QUANTITIES["answer"], "<i8"),
     Field("decider", Quantity("1", "number of the value that decided, counted from 1; 0 if none alone did"), "<i8"),
@@ -21,19 +21,19 @@ ANSWER = (
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of an axis.
+    """A question about the values of one axis: whether, where or how often they lead to a mode.
 
     Parameters
     ----------
     axis : str
         The parameter that is searched.
     values : ndarray, shape (n,), float64
-        Its values, SI units, increasing.
+        The values of the axis, SI units, increasing.
     ask : str
-        any: does one value lead to `mode`; all: does every one; first: which is the least that does; fraction: how
-        many lead to each mode (that takes every run).
+        any: does one value lead to `mode`? all: do all values? first: which is the least value that does? fraction: how
+        many values lead to each mode? (This takes a run of every value.)
     mode : int
-        The mode asked for, a code.
+        Code of the mode in question.
     """
 
     axis: str
@@ -42,7 +42,7 @@ class Question:
     mode: int
 
     def until(self) -> int:
-        """The modes that end a search, as the sum of 2**mode."""
+        """Return the modes of a run that end the search, as the sum of 2**mode; 0 if all values are run."""
         if self.ask == "fraction":
             return 0
         if self.ask != "all":
@@ -51,23 +51,30 @@ class Question:
 
     @property
     def led(self) -> bool:
-        """Whether the answers of neighbours decide where the trials begin."""
+        """True if the deciding values of neighbours are tried first: for any and all, whose answers need no order."""
         return self.ask in ("any", "all")
 
     def stands(self, result: np.void, hints: Sequence[int]) -> bool:
-        """Whether a result found with unknown hints is what `hints` lead to: bit for bit, the counts of its runs included."""
+        """Return True if `hints` would give this result bit for bit, the counts of its runs included.
+
+        The result was found with unknown hints. It stands if no hint is used, if all values were run, or if the first
+        value decided and is the first one of these hints, too.
+        """
         alone = result["counts"].sum() == 1 and result["decider"] - 1 == self.order(hints)[0]
         return bool(not self.led or not result["decider"] or alone)
 
     def order(self, hints: Sequence[int]) -> np.ndarray:
-        """The order in which values are tried, shape (n,), indices: `hints` first, then spread over the axis."""
+        """Return the order of trial as indices of the values, shape (n,): `hints` first, the others spread out."""
         if not self.led:
             return np.arange(self.values.size)
         spread = spread_order(self.values.size)
         return np.concatenate([np.array(hints, dtype=int), spread[~np.isin(spread, hints)]])
 
     def verdict(self, modes: np.ndarray) -> tuple[int, int]:
-        """The answer that runs with these modes give, and which of them decides it (-1: none alone)."""
+        """Return the answer that runs with these modes give, and the index of the run that decided it.
+
+        The index is -1 if no run alone decided: all were needed.
+        """
         last, unclear = modes[-1], np.isin(modes, OPEN).any()
         if self.ask == "fraction":
             return (A_UNSURE if unclear else A_YES), (0 if self.values.size == 1 else -1)
@@ -81,7 +88,10 @@ class Question:
 
 
 def spread_order(n: int) -> np.ndarray:
-    """The numbers 0 to n - 1 in the order of van der Corput: each new one far from those before it, shape (n,)."""
+    """Return 0 to n - 1 in the order of van der Corput (bits reversed), shape (n,).
+
+    Each number is far from all before it, so that a search meets every stretch of an axis early.
+    """
     bits = max(1, (n - 1).bit_length())
     turned = [int(f"{k:0{bits}b}"[::-1], 2) for k in range(1 << bits)]
     return np.array([k for k in turned if k < n])

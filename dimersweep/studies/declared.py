@@ -1,4 +1,4 @@
-"""Sweeps declared in a file, or told by a cube: TOML in, checked for unknown words, and a study, or its cube, out."""
+"""Read sweep files (TOML), check them, and make studies and cubes of them; write a declaration from a cube."""
 
 import json
 import os
@@ -27,15 +27,18 @@ from dimersweep.studies.study import Study
 from dimersweep.symbols import PARAMETERS, Picture
 from dimersweep.work.options import with_options
 
+# attributes of a cube that name the program, the compiler and the processor that made it
 MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
 
 
 class SweepFileSection(BaseModel):
+    """A section of a TOML file, which refuses unknown keys and values of another type."""
+
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
 class SweepSection(SweepFileSection):
-    """What to compute and where to put it."""
+    """The section ``[sweep]``: settings of the runs, and the output."""
 
     title: str | None = None
     periods: Annotated[int, AfterValidator(partial(check_count, "sweep.periods"))]
@@ -52,7 +55,7 @@ class SweepSection(SweepFileSection):
 
 
 class PointsSection(SweepFileSection):
-    """Single points in place of a grid: from a file, listed, or drawn from ranges."""
+    """The section ``[points]``: single points in place of a grid, from a file, listed, or drawn from ranges."""
 
     file: str | None = None
     columns: dict[str, Any] = Field(default_factory=dict)
@@ -63,7 +66,7 @@ class PointsSection(SweepFileSection):
 
 
 class SearchSection(SweepFileSection):
-    """A question about one axis, in place of every point of it."""
+    """The section ``[search]``: a question about one axis, in place of a run at each of its values."""
 
     over: str
     ask: Literal["any", "all", "first", "fraction"] = "any"
@@ -72,27 +75,27 @@ class SearchSection(SweepFileSection):
 
 
 class RefineSection(SweepFileSection):
-    """How far a map is refined, and at which boundaries."""
+    """The section ``[refine]``: the number of halvings of each axis, and the regions whose borders are refined."""
 
     halvings: dict[str, int]
     between: list[str] | None = None
 
 
 class PathsSection(SweepFileSection):
-    """How much of the path of the centre of mass is kept of each run."""
+    """The section ``[paths]``: length and density of the path of the centre of mass that each run keeps."""
 
     periods: int
     per_period: int = 8
 
 
 class PlotSection(SweepFileSection):
-    """How to draw the cube."""
+    """The section ``[plot]``: the kind of picture of the cube."""
 
     kind: Picture | None = None
 
 
 class Declaration(SweepFileSection):
-    """One sweep, search or refined map as a file declares it."""
+    """A sweep, search or refined map, as a file declares it."""
 
     sweep: SweepSection
     grid: dict[str, Any] | None = None
@@ -112,22 +115,23 @@ class Declaration(SweepFileSection):
         carry: str | None = None,
         observe: Any = None,
     ) -> Study:
-        """What the sections say together, checked.
+        """Return the study that the sections declare together, checked.
 
         Parameters
         ----------
         periods, rtol : int, float, optional
-            In place of the declared ones; `periods` in place of the declared ``max_periods`` too.
+            Settings in place of the declared ones. `periods` removes the declared ``max_periods``, too.
         certify : bool
-            Whether to certify what was not declared to be, see `sweep`.
+            True to certify a sweep that is not declared to be certified, see `sweep`.
         carry : str, optional
-            In place of the declared one.
+            Direction in place of the declared one.
         observe : callable or str, optional
-            In place of the declared one and its arguments.
+            Observer in place of the declared one and its arguments.
 
         Raises
         ------
         ParameterError
+            If sections do not go together, or a setting is not allowed.
         """
         given: dict[str, Any] = {
             "periods": self.sweep.periods if periods is None else periods,
@@ -167,13 +171,16 @@ class Declaration(SweepFileSection):
 
     @property
     def attrs(self) -> dict[str, str]:
-        """Attributes of the cube."""
+        """Global attributes of the cube: the title, if any, and the kind of picture."""
         plot = self.plot.kind or ("circles" if self.sweep.sustained else "mode_map")
         return ({} if self.sweep.title is None else {"title": self.sweep.title}) | {"plot": plot}
 
 
 def explain(error: ValidationError, whole: type[BaseModel]) -> list[str]:
-    """The complaints of pydantic about a `whole` file, each as one line with the key and what is allowed."""
+    """Return the complaints of pydantic about a file, each in one line with the key and what is allowed.
+
+    `whole` is the type of the whole file.
+    """
     mistakes: list[str] = []
     meant: set[str] = set()
     for complaint in error.errors():
@@ -190,15 +197,15 @@ def explain(error: ValidationError, whole: type[BaseModel]) -> list[str]:
         elif complaint["type"] == "missing":
             mistakes.append(f"{where}: is missing")
         elif complaint["type"] == "value_error":
-            mistakes.append(str(complaint["ctx"]["error"]))  # of one of our own checks, which names what it checks
+            mistakes.append(str(complaint["ctx"]["error"]))  # a ParameterError, which names the parameter itself
         else:
             mistakes.append(f"{where} = {complaint['input']!r}: {complaint['msg'].replace('Input should', 'must')}")
-    # a misspelt key is not missing too
+    # a key that was misspelt is not reported as missing, too
     return [line for line in mistakes if line.partition(": is missing")[0] not in meant]
 
 
 def _of_parameters(raw: Mapping[str, Any]) -> list[str]:
-    """What is wrong with single parameters in the sections grid and fixed, each in one line."""
+    """Return the mistakes in single parameters of the sections grid and fixed, each in one line."""
     mistakes = []
     sections = {name: given for name in ("grid", "fixed") if isinstance(given := raw.get(name, {}), Mapping)}
     try:
@@ -223,22 +230,22 @@ def read_sections(
     check_whole: Callable[[M], object],
     piecewise: Callable[[Any], list[str]] = lambda raw: [],
 ) -> M:
-    """What a file of TOML says, checked.
+    """Read a TOML file, check its sections one by one and then together, and return it as an object of type `whole`.
 
     Parameters
     ----------
     path : Path
     whole : type
-        The sections that it may have.
+        Type of the file: a model with a field for each section.
     check_whole : callable
-        Raises a ParameterError if sections that are allowed one by one are not allowed together.
+        Raises a ParameterError if sections that are allowed one by one do not go together.
     piecewise : callable
-        What else is wrong with single values, each in one line.
+        Returns further mistakes in single values of the parsed file, each in one line.
 
     Raises
     ------
     ParameterError
-        If it cannot be read; or with all its mistakes, as far as they can be told piece by piece, a line for each.
+        If the file cannot be read, or has mistakes. All mistakes in single values are listed, a line for each.
     """
     raw = read_toml(path)
     mistakes = []
@@ -265,8 +272,8 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     ----------
     path : path-like
         TOML with the sections ``[sweep]``, ``[grid]`` or ``[points]``, and optionally ``[fixed]``, ``[search]``,
-        ``[refine]``, ``[paths]`` and ``[plot]``. A file of points is looked for beside it, and so is the module of an
-        observer.
+        ``[refine]``, ``[paths]`` and ``[plot]``. A file of points and the module of an observer are searched for in the
+        folder of the sweep file.
 
     Returns
     -------
@@ -275,7 +282,7 @@ def read_declaration(path: str | os.PathLike[str]) -> Declaration:
     Raises
     ------
     ParameterError
-        With the file and every key that is wrong, and what is allowed.
+        If the file has mistakes; the message names the file, every wrong key, and what is allowed.
 
     Examples
     --------
@@ -315,11 +322,11 @@ def make(
     out : path-like, optional
         File of the cube.
     periods, rtol : int, float, optional
-        In place of the declared ones.
+        Settings in place of the declared ones.
     certify : bool
-        As in `sweep`; a search takes none.
+        As in `sweep`; a search cannot be certified.
     observe : callable or str, optional
-        As in `sweep`, in place of the declared one.
+        Observer in place of the declared one, as in `sweep`.
     **options
         As in `sweep`.
 
@@ -351,14 +358,13 @@ make.__signature__ = with_options(make)  # type: ignore[attr-defined]
 
 
 def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> Declaration:
-    """The declaration that gives the cube at `path` again, from what the cube tells of itself; of a part, that of all parts.
+    """Return the declaration that makes the cube at `path` again; of the cube of a part, that of the whole sweep.
 
     Parameters
     ----------
     path : path-like
     other_kernel : bool
-        Whether the cube may come from another kernel than this program's, or be configured in ways that it does not
-        know.
+        If True, a cube of another kernel version is accepted, though its numbers may differ in the last digits.
 
     Returns
     -------
@@ -367,8 +373,8 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     Raises
     ------
     StoreError
-        If there is no such cube, it has other points than it was made with, or it comes from another kernel; with the versions
-        that made it.
+        If there is no such cube, its points were changed, or its configuration is unknown to this version. Without
+        `other_kernel` also if another kernel made it; the message names the versions that did.
     """
     cube = open_cube(path)
     check_configured(cube, path)
@@ -389,7 +395,7 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
 
 
 def _declared(cube: xr.Dataset, configuration: Mapping[str, Any], path: str | os.PathLike[str]) -> Declaration:
-    """The declaration of a sweep, a search or a refined map with this configuration."""
+    """Return the declaration of a sweep, a search or a refined map with this configuration."""
     sweep: dict[str, Any] = {name: configuration[name] for name in ("periods", "rtol")}
     sweep |= {"title": cube.attrs["title"], "max_periods": configuration.get("max_periods"), "output": str(path)}
     if "observe" in configuration:

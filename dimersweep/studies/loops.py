@@ -1,4 +1,4 @@
-"""Hysteresis: where the motions of a sweep that carries its state up and down an axis part, and where they meet again."""
+"""Loops of hysteresis: where the motions on the way up and on the way down an axis part, and where they meet again."""
 
 import json
 from collections.abc import Iterator
@@ -30,20 +30,22 @@ from dimersweep.work.stopping import stoppable
 
 UP, DOWN = range(len(DIRECTIONS))
 SIDES = ("low", "high")
-LONGER = 16  # how much longer than a run of the line one may be that looks for the end of a loop
+# length of a run that locates the end of a loop, in runs of the line: at a fold the time to settle grows as one over
+# the square root of the distance, so runs 16 times as long settle 256 times nearer to it
+LONGER = 16
 
 
 class LoopEnd(NamedTuple):
-    """One end of a loop: between two values of the axis, of which one lies inside.
+    """One end of a loop: an interval between two values of the axis, only one of which lies inside the loop.
 
     Attributes
     ----------
     below, above : float
-        The two values; NaN both where the loop is not closed on the axis.
+        The two values, in the unit of the axis; both NaN where the loop goes on beyond the axis.
     modes : tuple of int
-        Modes of motion, codes, on the way up and down at the value inside.
+        Codes of the modes on the way up and on the way down, at the value inside the loop.
     inside : int
-        Number of the value of the axis that is next to it, inside the loop.
+        Index of the value of the axis next to this end, inside the loop.
     """
 
     below: float
@@ -52,37 +54,37 @@ class LoopEnd(NamedTuple):
     inside: int
 
 
-Ends = tuple[LoopEnd, LoopEnd]  # of a loop, the low one and the high one
+Ends = tuple[LoopEnd, LoopEnd]  # low end and high end of a loop
 
 
 def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
-    """The hysteresis loops of a cube: where going up and going down lead to different motions.
+    """Find the loops of hysteresis of a cube: where the way up and the way down lead to different motions.
 
-    Motions differ if their modes or their periods in forcing periods do. Points that failed or have not settled are left out:
-    the ends of a loop lie between values at which both motions are known.
+    Motions differ if their modes or their periods (in forcing periods) differ. Points that failed or have not settled
+    are left out. So the ends of a loop lie between values at which both motions are known.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        Of `sweep` or `bifurcation` with ``carry="both"``.
+        Cube of `sweep` or `bifurcation` with ``carry="both"``.
     within : float, optional
-        If given, ends are located to this, in the unit of the axis, by halving the step that they lie in: each new run starts
-        from the state carried up to it from below, and down to it from above. The lines of these loops are run again for
-        their states.
+        Accuracy to which ends are located, in the unit of the axis. The step in which an end lies is halved: each new
+        run starts from the state carried up to it from below, and down to it from above. The lines of these loops are
+        run again for their states. By default the ends stay as accurate as the steps of the axis.
 
     Returns
     -------
     xarray.Dataset
-        Along `loop`, one after the other on each line of the cube, in the unit of the axis: `low` and `high`, the middles of
-        the steps in which its ends lie, with `low_error` and `high_error`, half the lengths of these; NaN for an end that lies
-        beyond the axis. Besides the modes on the way up and down next to each end inside the loop, such as `mode_up_low`; and
-        where the cube has an observer, what that tells at the value of the axis next to each end inside the loop, such as
+        Loops along `loop`, line by line of the cube. In the unit of the axis: `low` and `high`, the middles of the
+        steps in which the ends lie, with `low_error` and `high_error`, half the lengths of these steps; NaN for an end
+        beyond the axis. Modes on the way up and down next to each end inside the loop, such as `mode_up_low`. Where the
+        cube has an observer, its variables at the value of the axis next to each end inside the loop, such as
         `peak_up_low`. Parameters are coordinates. The attribute `cost` is the number of forcing periods that were run.
 
     Raises
     ------
     ParameterError
-        If the cube has not both directions, or `within` is not positive.
+        If the cube does not have both directions, or `within` is not positive.
 
     Examples
     --------
@@ -107,7 +109,8 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
         for name in ("mode", "mode_period")
     }
     values = cube[axis].values
-    places = np.array(list(np.ndindex(*(cube.sizes[name] for name in others))), dtype=int)  # of each line
+    # indices of each line along the other axes
+    places = np.array(list(np.ndindex(*(cube.sizes[name] for name in others))), dtype=int)
     found: list[tuple[int, Ends]] = []
     cost = 0
     for line in range(len(motions["mode"])):
@@ -125,7 +128,7 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
 
 
 def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[Ends]:
-    """The ends of the loops of one line, from modes and periods of shape (2, n)."""
+    """Yield both ends of each loop of one line, from modes and periods of shape (2, n): up, down."""
     known = np.flatnonzero(~np.isin(mode, OPEN).any(axis=0))
     values, mode, period = values[known], mode[:, known], period[:, known]
     for first, stop in runs((mode[UP] != mode[DOWN]) | (period[UP] != period[DOWN])):
@@ -138,21 +141,21 @@ def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[
 
 
 def _line_through(point: xr.Dataset) -> Study:
-    """The line of a point on the way up, each way, as a sweep of its own."""
+    """Return the line of a point as a study of its own, run up and down, which keeps the end states."""
     made = behind(point)
     is_of_this_kernel(made.kernel, "the ends may lie elsewhere than its modes say")
-    assert made.line is not None  # the cube has directions
+    assert made.line is not None  # since the cube has directions
     grid = Grid({"direction": np.array([UP, DOWN])} | made.line.axes, made.line.fixed)
     return Study(grid=grid, how=made.how, observers=(EndStates(),))
 
 
 class CarriedLine:
-    """One line of the carried axis, run anew each way for the states at its values.
+    """One line of the carried axis, run anew up and down for the states at its values.
 
     Parameters
     ----------
     study : Study
-        Of this line alone.
+        Study of this line alone, which keeps the end states.
     """
 
     def __init__(self, study: Study) -> None:
@@ -163,30 +166,35 @@ class CarriedLine:
         self.cost = sum(study.how.cost(n) for n in results["codes"][:, CODE_N_PERIODS].tolist())
 
     def _row(self, value: float) -> np.ndarray:
+        """Return the row of parameters at a value of the axis, shape (N_ROW,)."""
         row: np.ndarray = fill_rows(self.study.grid.fixed | {self.axis: value}, 1)[0]
         return row
 
     def _carry(self, start: np.ndarray | None, before: float, to: float, space: Workspace) -> Solved | None:
-        """Carry a state from one value to another; near an end motions settle slowly, and may take longer than on the line.
+        """Carry a state from one value of the axis to another, and return the run; None if it was stopped.
 
-        None if it was stopped.
+        Near an end motions settle slowly, so the run may be `LONGER` times as long as on the line.
         """
         how = self.study.how._replace(max_periods=LONGER * self.study.how.max_periods)
         return next(carried([self._row(to)], how, space, start, self._row(before)), None)
 
     def located(self, ends: Ends, within: float, space: Workspace) -> Ends:
-        """Both ends of a loop, located to `within`."""
+        """Return both ends of a loop, located to `within`."""
         low, high = ends
         return self._located(low, within, 1, space), self._located(high, within, 0, space)
 
     def _located(self, end: LoopEnd, within: float, inside: int, space: Workspace) -> LoopEnd:
-        """An end between values of the axis, located by halving; `inside` is 0 if the loop lies below it, 1 if above."""
+        """Return an end, located by halving; an end beyond the axis is returned as it is.
+
+        `inside` is 1 if the loop lies above the end (its low end), 0 if it lies below. The halving stops early at a
+        motion that has not settled.
+        """
         if np.isnan(end.below):
             return end
         below, above, modes, _ = end
         k, j = (int(np.searchsorted(self.values, value)) for value in (below, above))
         up, down = self.ends[UP][k], self.ends[DOWN][j]
-        while above - below > 2 * within:  # half of it is the error
+        while above - below > 2 * within:  # the end is the middle, so the error is half the interval
             middle = 0.5 * (below + above)
             rising, falling = self._carry(up, below, middle, space), self._carry(down, above, middle, space)
             if middle in (below, above) or rising is None or falling is None:
@@ -205,12 +213,12 @@ class CarriedLine:
 
 
 def _motion(solved: Solved) -> tuple[int, int]:
-    """Its mode, and the forcing periods after which it repeats."""
+    """Return the mode of a run (code), and the forcing periods after which its motion repeats."""
     return int(solved.codes[CODE_MODE]), int(solved.codes[CODE_MODE_PERIOD])
 
 
 def _table(cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: list[tuple[int, Ends]]) -> xr.Dataset:
-    """The loops as a dataset."""
+    """Return the loops as a dataset; `places` has the indices of each line along the other axes."""
     units, meaning = PARAMETERS[axis].units, PARAMETERS[axis].long_name
     lines = np.array([line for line, _ in found], dtype=int)
     columns = {}
@@ -233,7 +241,10 @@ def _table(cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: li
 
 
 def _observed(variable: xr.DataArray, others: int, found: list[tuple[int, Ends]]) -> dict[str, xr.Variable]:
-    """What an observer tells next to the ends of loops, from a variable over other axes, direction, the axis, and its own."""
+    """Return the values of an observed variable next to both ends of each loop, on the way up and down, by new names.
+
+    The dimensions of `variable` are the `others`, `direction`, the axis of the loops, and its own.
+    """
     values, dims = variable.values.reshape(-1, *variable.shape[others:]), ("loop", *variable.dims[others + 2 :])
     lines = np.array([line for line, _ in found], dtype=int)
     told = {}

@@ -1,4 +1,7 @@
-"""A cube from start to end: what is there already, here or in other cubes, the store and the crew of its points, its output."""
+"""Make a cube from start to end.
+
+Take points from the output and from other cubes, have the missing ones run, and write the output.
+"""
 
 import json
 import signal
@@ -27,16 +30,19 @@ from dimersweep.studies.study import Batch, Study
 from dimersweep.work.computing import Crew, settle_way
 from dimersweep.work.options import IN_PASSING, Given, Options, make_options
 
-BLOCK = 1 << 16  # points of other cubes that are looked up at a time
+# points of other cubes that are looked up at a time: the arrays of their indices take some MB, however large the grid
+BLOCK = 1 << 16
+# items of a configuration that say which points there are, and not how each of them is run
 _POINTS = ("grid", "fixed", "refine", PART)
 
-Stands = Callable[[np.ndarray, np.ndarray], np.ndarray]  # see `Study.stands`
-# what another cube has of some ranges of points, as far as it stands
+# tells which results of another cube stand, as `Study.stands` does
+Stands = Callable[[np.ndarray, np.ndarray], np.ndarray]
+# looks up the results that another cube has of some ranges of points, and yields those that stand
 Known = Callable[[Iterable[Tile], Stands], Iterator[Finished]]
 
 
 def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
-    """The cube of a study: what is there already, then what is missing.
+    """Return the cube of a study: take the points that are known already, and run those that are missing.
 
     Raises
     ------
@@ -61,9 +67,11 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
         Crew(store, options) as hired,
     ):
         if out is not None:
-            check_output(out, force=replaces, endings=None)  # who held the lock before may have written it meanwhile
+            # another process may have written the output while this one waited for the lock of the store
+            check_output(out, force=replaces, endings=None)
         for line in store.trouble:
-            warnings.warn(line, RuntimeWarning, stacklevel=3)  # of what has called sweep, search or refine
+            # the warning points at user code: level 1 is this function, 2 is sweep, search or refine, 3 is their caller
+            warnings.warn(line, RuntimeWarning, stacklevel=3)
         if options.retry and "failed" in store.modes():
             store.drop(study.again)
         written = False
@@ -75,14 +83,17 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
             written = True
             if out is not None and not options.keep_tiles:
                 store.remove()
-        except KeyboardInterrupt as stop:  # one that came while no points were run tells nothing
+        except KeyboardInterrupt as stop:  # while no points were run, its message is empty
             kept = f"{out} is written" if written else store.kept
             raise Stopped(str(stop) or kept, getattr(stop, "signal", signal.SIGINT)) from None
     return cube
 
 
 def conducted(study: Study, hired: Crew, known: Sequence[Known] = ()) -> Study:
-    """Have a crew run what a study asks for, but for what other cubes have; the study that labels the results."""
+    """Run the points that a study asks for and other cubes lack; return the study that labels the results.
+
+    Results go into the store of the workers `hired`. `known` looks up the points of other cubes.
+    """
     store, size = hired.store, study.size
 
     def found(batch: Batch) -> Iterator[Finished]:
@@ -97,7 +108,7 @@ def conducted(study: Study, hired: Crew, known: Sequence[Known] = ()) -> Study:
 
 
 def in_memory(study: Study, options: Options = IN_PASSING) -> tuple[np.ndarray, float]:
-    """The results of all points of a study, run anew, and the time that they took [s]."""
+    """Run all points of a study anew; return their results, shape (size,), and the time that they took [s]."""
     size = study.size
     with tile_store(None, study.configuration(), size, study.kind) as store, Crew(store, options) as hired:
         conducted(study, hired)
@@ -105,10 +116,11 @@ def in_memory(study: Study, options: Options = IN_PASSING) -> tuple[np.ndarray, 
 
 
 def _finished(study: Study, options: Options, store: TileStore, told: Mapping[str, Any]) -> xr.Dataset:
-    """The cube of all results with what it tells of itself, its checksum among that; written, if it has an output."""
+    """Return the cube of all results in the store, with its attributes and checksum; write it to the output, if any."""
     out, replaces = options.out, options.force or options.retry
     write_blocks = format_of(out or Path()).write_blocks
-    if out is not None and write_blocks is not None:  # block by block, and opened then
+    # a cube that may be larger than memory is written block by block, and opened again lazily
+    if out is not None and write_blocks is not None:
         with disk_errors(f"out = {out}", store.kept_if_refused):
             write_blocks(
                 study.grid,
@@ -127,9 +139,9 @@ def _finished(study: Study, options: Options, store: TileStore, told: Mapping[st
 
 
 def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str, str]]:
-    """What other cubes have of the points of `study`, and the attributes that tell of the first of them.
+    """Return what looks up the points of `study` in other cubes, and the attributes that name the extended cube.
 
-    These are the cube to extend, and at a retry the one at the output.
+    Other cubes are the cube to extend and, at a retry, the cube at the output.
 
     Raises
     ------
@@ -150,12 +162,12 @@ def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str,
 
 
 def check_alike(cube: xr.Dataset, new: dict[str, Any], name: str) -> None:
-    """Refuse a cube whose points are not those of the configuration `new`.
+    """Refuse a cube whose points were not run as the configuration `new` would run them.
 
     Raises
     ------
     StoreError
-        If it was made with other settings or another kernel, with the differences.
+        If the cube was made with other settings or another kernel; the message lists the differences.
     """
     old = json.loads(cube.attrs["configuration"])
     if not {"grid", "fixed"} <= set(old):
@@ -189,28 +201,31 @@ def check_alike(cube: xr.Dataset, new: dict[str, Any], name: str) -> None:
 
 
 def _places(old: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Index in `old` of each value of `new`, -1 where it is not there bit for bit."""
-    there, wanted = (each.astype(float).view(np.int64) for each in (old, new))  # the codes of directions, too
+    """Return the index in `old` of each value of `new`, -1 where `old` has no value with the same bits."""
+    # as floats, since the axis `direction` holds integer codes; their bits are compared as integers
+    there, wanted = (each.astype(float).view(np.int64) for each in (old, new))
     return pd.Index(there).get_indexer(wanted)
 
 
 def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.ndarray], np.ndarray]) -> Known:
-    """The points of a study that `cube` has; what is an axis in one may be fixed in the other.
+    """Return a function that looks up points of a study in `cube`.
+
+    A parameter that is an axis in one of them may be fixed in the other.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        As `sweep`, `search` or `refine` returned it.
+        Cube of `sweep`, `search` or `refine`.
     name : str
-        What messages call it.
+        Name of the cube in messages.
     study : Study
     unwanted : callable
-        Which points are not taken over, from codes of shape (n, N_CODES); shape (n,), bool.
+        Returns True for points that are not taken over, shape (n,), from their codes, shape (n, N_CODES).
 
     Returns
     -------
     callable
-        Gives those in some ranges, in whole lines.
+        Yields the points of the cube that lie in some ranges, in whole lines.
 
     Raises
     ------
@@ -219,7 +234,8 @@ def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.
     """
     check_unchanged(cube, name)
     grid, line, offset = study.grid, study.line, 0
-    # where each place on an axis is; single points are those of the cube: it is made again
+    # a point of the study has the number `offset` plus one number for its place on each axis in the cube, -1 if it is
+    # not there; single points have their own numbers, as only the same table (a retry) is looked up
     along = [np.arange(grid.size)]
     if not grid.columns:
         old = json.loads(cube.attrs["configuration"])["grid"]
@@ -246,6 +262,7 @@ def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.
             there = np.all([column >= 0 for column in columns], axis=0)
             there[there] = ~unwanted(results["codes"][here[there]])
             there[there] = stands(points[there], results[here[there]])
+            # a line is taken whole or not at all, as each of its runs starts from the one before it
             there = np.repeat(there.reshape(-1, line).all(axis=1), line)
             yield from pieces(points[there], results[here[there]])
 
@@ -253,7 +270,7 @@ def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.
 
 
 def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
-    """The cube of `study` if it is at the output already, with nothing to retry; the output is checked.
+    """Return the cube of `study` if it is at the output, with nothing to retry, else None; check the output.
 
     Raises
     ------
@@ -274,7 +291,7 @@ def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
         if options.retry and options.extend is None:
             raise ParameterError("retry: needs an out, or a cube to extend")
         return None
-    check_output(out, force=True)  # what can never be written to is refused first
+    check_output(out, force=True)  # first of all: a place that can never be written to
     if out.exists() and not options.force:
         former = _former(out, study)
         if not options.retry or not failed(flatten(former)[1]).any():
@@ -285,12 +302,12 @@ def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
 
 
 def _former(out: Path, study: Study) -> xr.Dataset:
-    """The cube that is at `out` already, if it is the one that `study` would give.
+    """Return the cube that is at `out` already, if it is the cube that `study` would give.
 
     Raises
     ------
     StoreError
-        If it is not.
+        If it is another cube, was changed, or cannot be read.
     """
     other = "give another name, or force it to be replaced (force=True)"
     try:

@@ -1,4 +1,4 @@
-"""The cube that the parts of a sweep make, each of them a file of its own."""
+"""Merge the parts of a sweep, each of which is a file of its own, into one cube."""
 
 import json
 import os
@@ -30,29 +30,30 @@ def merge(
     client: Any = None,
     progress: bool = True,
 ) -> xr.Dataset:
-    """Make one cube of the parts of a sweep.
+    """Merge the parts of a sweep into one cube.
 
     Parameters
     ----------
     parts : iterable of path-like
-        Files that ``sweep(..., part=(k, n))`` has written, of all n parts, in any order.
+        Files of all n parts, which ``sweep(..., part=(k, n))`` has written, in any order.
     out : path-like, optional
         NetCDF file to write the cube to; `force` lets it replace one that exists.
     finish : bool
-        Whether parts that are missing are made first, beside those that are given, with `workers`, `client` and `progress` as
-        in `sweep`; one that was stopped goes on.
+        If True, missing parts are made first, in the folder of the first part, with `workers`, `client` and `progress`
+        as in `sweep`. A part that was stopped is resumed.
 
     Returns
     -------
     xarray.Dataset
-        The cube that one sweep of all points gives: the same values, coordinates and configuration. It tells the time of
-        its longest part as `wall_time_s`, and the sum of all as `kernel_time_s`.
+        The cube that one sweep of all points gives: the same values, coordinates and configuration. Its `wall_time_s`
+        is that of the longest part, its `kernel_time_s` the sum of all parts.
 
     Raises
     ------
     ParameterError, StoreError
-        If a file is no part, or is damaged; if parts are missing, given twice, or made otherwise than the first one; or if
-        `out` is a part, exists, or is no NetCDF file. Nothing is written then. With `finish` as by `sweep`, too.
+        If a file is no part, or is damaged. If parts are missing, come twice, or belong to another sweep than the first
+        one. If `out` is a part, exists, or is no NetCDF file. No file is written then. With `finish` also the errors of
+        `sweep`.
 
     Examples
     --------
@@ -93,7 +94,9 @@ def merge(
 
 
 def _take(cube: xr.Dataset, path: Path, there: dict[int, Path], first: Path) -> None:
-    """Put the points of one more part into a cube, that of the `first` one, if it goes with those that are there."""
+    """Put the points of the part at `path` into the cube, which is that of the `first` part; refuse a part of another
+    sweep.
+    """
     other = open_cube(path)
     own, part, both = _part_of(cube, first), _part_of(other, path), f"{first} and {path}"
     if part.total != own.total:
@@ -103,7 +106,7 @@ def _take(cube: xr.Dataset, path: Path, there: dict[int, Path], first: Path) -> 
     if part.number in there:
         raise StoreError(f"{there[part.number]} and {path}: are the same part, {part}")
     shape = cube["mode"].shape
-    line = shape[-1] if "direction" in cube.dims else 1  # as of `Grid`
+    line = shape[-1] if "direction" in cube.dims else 1  # as `Grid.line`: parts have whole lines
     points = np.concatenate([np.arange(*tile) for tile in part.ranges(cube["mode"].size, line)])
     where = np.unravel_index(points, shape)
     for name, variable in other.data_vars.items():
@@ -116,6 +119,7 @@ def _take(cube: xr.Dataset, path: Path, there: dict[int, Path], first: Path) -> 
 
 
 def _part_of(cube: xr.Dataset, path: Path) -> SweepPart:
+    """Return the part of a sweep that a cube is; raise a StoreError if it is a whole cube."""
     told = json.loads(cube.attrs["configuration"]).get(PART)
     if told is None:
         raise StoreError(f"{path}: is no part of a sweep, but a whole cube")
@@ -123,5 +127,5 @@ def _part_of(cube: xr.Dataset, path: Path) -> SweepPart:
 
 
 def _settings(cube: xr.Dataset) -> dict[str, Any]:
-    """Return the configuration of all parts of a sweep."""
+    """Return the configuration that all parts of a sweep share."""
     return {name: value for name, value in json.loads(cube.attrs["configuration"]).items() if name != PART}

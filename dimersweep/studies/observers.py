@@ -1,4 +1,4 @@
-"""Observers: what a study adds to the numbers of each point's run, how it is computed, and how it is kept and labelled."""
+"""Observers: variables that a study adds to the result of each run, how they are computed, stored and labelled."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
@@ -20,24 +20,26 @@ from dimersweep.runs.shadows import certified
 from dimersweep.runs.solving import MAX_RECORDED, RunSettings, Solved, exactly, run_all_patiently, run_row
 from dimersweep.symbols import QUANTITIES, STATE_QUANTITIES, Quantity
 
-MAX_NUMBERS = 20_000_000  # of strobes, or of positions, in one cube, which is held in memory
+# numbers in the arrays of one cube, which is held in memory: 160 MB for each variable of floats
+MAX_NUMBERS = 20_000_000
 STROBED = ("gap_1", "gap_2", "gap_1_rate", "gap_2_rate", "theta_rate", "beta_rate")
 
 
 class Ran(NamedTuple):
-    """Runs that were made, for observers to look at.
+    """Runs that are over, for observers.
 
     Attributes
     ----------
     rows : ndarray, shape (n, N_ROW)
-        Their parameters.
+        Parameters of the runs.
     how : RunSettings
+        Settings of the runs.
     results : ndarray, shape (n,)
-        Of the study's kind: `out` and `codes` are there, and what observers before have filled in.
+        Results, of the type `Study.kind`: `out`, `codes` and the fields of earlier observers are filled in.
     solved : Solved, optional
-        Of a run that was made by itself: its start, its end, and what an observer has asked for.
+        Start, end and (if an observer needs it) record of the run, where n = 1 and the run was made by itself.
     given : mapping of str to float, optional
-        Of such a run, the parameters that its study gives.
+        Parameters that the study sets for such a run; others follow from them or are defaults.
     """
 
     rows: np.ndarray
@@ -48,48 +50,49 @@ class Ran(NamedTuple):
 
     @property
     def start(self) -> np.ndarray | None:
-        """State and friction modes that it started from, shape (1, N_START), in place of the start in its row."""
+        """State and friction modes at the start of the run, shape (1, N_START); None for the start in its row."""
         return None if self.solved is None else self.solved.start
 
 
 class Observer(ABC):
-    """What is known of each point besides the numbers of its run."""
+    """Something that is recorded of each point besides the numbers of its run; the base of all observers."""
 
-    # of each run: its end or its record, for which points are run one by one
+    # parts of a run that the observer needs: "end", "record" or both; with any of them points are run one by one
     needs: ClassVar[frozenset[str]] = frozenset()
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """What it adds to the result of a point; nothing, if it changes that of the run."""
+        """Fields that are added to the result of a point; empty if the observer only changes `out` and `codes`."""
         return ()
 
     def settings(self) -> dict[str, Any]:
-        """What it adds to a configuration, as JSON can hold it."""
+        """Return the items that the observer adds to a configuration, as JSON can hold them."""
         return {}
 
     def check_here(self) -> None:  # noqa: B027 - most take nothing
-        """Refuse a process that lacks something it takes.
+        """Refuse a process that lacks something that the observer needs; by default it needs nothing.
 
         Raises
         ------
         ParameterError
+            If the process lacks something.
         """
 
     @abstractmethod
     def observe(self, ran: Ran, space: Workspace) -> None:
-        """Fill in its fields of ``ran.results``.
+        """Fill in the fields of this observer in ``ran.results``.
 
         Parameters
         ----------
         ran : Ran
         space : Workspace
-            Scratch arrays for further runs. If they are stopped meanwhile, what is filled in is not used.
+            Scratch arrays for further runs. If a stop is set there meanwhile, the results are not used.
         """
 
 
 @dataclass(frozen=True)
 class Certify(Observer):
-    """How sure the mode of each point is, from two more runs; see `certified`."""
+    """Confidence in the mode of each point, and error of its orbit, from two more runs; see `certified`."""
 
     fields = (
         Field("confidence", QUANTITIES["confidence"], "<i8", about="mode"),
@@ -97,11 +100,11 @@ class Certify(Observer):
     )
 
     def settings(self) -> dict[str, Any]:
-        """See `Observer`."""
+        """Return the switch of `sweep` that asks for this observer."""
         return {"certify": True}
 
     def observe(self, ran: Ran, space: Workspace) -> None:
-        """See `Observer`."""
+        """Make the two further runs of each point, and record confidence and error."""
         results = ran.results
         sure = certified(ran.rows, ran.how, results["out"], results["codes"], space)
         results["confidence"], results["error_estimate"] = sure
@@ -109,13 +112,13 @@ class Certify(Observer):
 
 @dataclass(frozen=True)
 class Strobes(Observer):
-    """The states at the starts of the next `n` forcing periods; NaN where a point has failed."""
+    """States at the starts of the `n` forcing periods after the run; NaN where a point has failed."""
 
     n: int
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """See `Observer`."""
+        """Fields of the strobes: gaps and rates of the state along the dimension `strobe`."""
         along = Along("strobe", np.arange(self.n), Quantity("1", "forcing periods after the run"))
         states = {name: STATE_QUANTITIES[name] for name in STROBED}
         return tuple(
@@ -124,11 +127,11 @@ class Strobes(Observer):
         )
 
     def settings(self) -> dict[str, Any]:
-        """See `Observer`."""
+        """Return the number of strobes, as `sweep` takes it."""
         return {"strobes": self.n}
 
     def observe(self, ran: Ran, space: Workspace) -> None:
-        """See `Observer`."""
+        """Run each point that is ok once more and `n` periods further, and record its strobes."""
         rtol = ran.how.rtol
         for row, result in zip(ran.rows, ran.results, strict=True):
             if result["codes"][CODE_STATUS] != OK:
@@ -146,33 +149,33 @@ class Strobes(Observer):
 
 @dataclass(frozen=True)
 class Longer(Observer):
-    """The same runs for so many forcing periods, in place of those that ended when the motion had settled."""
+    """Runs of exactly `periods` forcing periods, in place of runs that stopped when the motion had settled."""
 
     periods: int
 
     def settings(self) -> dict[str, Any]:
-        """See `Observer`."""
+        """Return the number of forcing periods, as `search` takes it."""
         return {"orbit_periods": self.periods}
 
     def observe(self, ran: Ran, space: Workspace) -> None:
-        """See `Observer`."""
+        """Replace `out` and `codes` of each point by those of the longer run."""
         how = exactly(self.periods, ran.how.rtol)
         ran.results["out"], ran.results["codes"] = run_all_patiently(ran.rows, how, space)
 
 
 @dataclass(frozen=True)
 class Paths(Observer):
-    """The path of the centre of mass of each run that drifts, made anew for so many forcing periods.
+    """Path of the centre of mass of each run that drifts, from a new run of `periods` forcing periods.
 
-    Positions are NaN after the end of a run that fails. The axial velocity is the mean over the last forcing period, along the
-    axis from the end that is down to the other one; NaN if no period was completed.
+    Positions are NaN after the end of a run that fails. The axial velocity is the mean over the last forcing period,
+    along the axis from the end that is down to the other one; NaN if no period was completed.
 
     Parameters
     ----------
     periods : int
-        Forcing periods.
+        Length of the path in forcing periods.
     per_period : int
-        Positions in one of them.
+        Positions in one forcing period.
     """
 
     periods: int
@@ -180,25 +183,25 @@ class Paths(Observer):
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """See `Observer`."""
+        """Fields of the path: x and y along the dimension `cycle`, and the axial velocity."""
         cycles = np.arange(self.periods * self.per_period + 1) / self.per_period
         along = Along("cycle", cycles, Quantity("1", "time in forcing periods"))
         velocity = Field("axial_velocity", QUANTITIES["axial_velocity"])
         return (*(Field(name, STATE_QUANTITIES[name], along=along) for name in ("x", "y")), velocity)
 
     def settings(self) -> dict[str, Any]:
-        """See `Observer`."""
+        """Return the length and the density of the path, as `search` takes them."""
         return {"paths": vars(self)}
 
     def observe(self, ran: Ran, space: Workspace) -> None:
-        """See `Observer`."""
+        """Run each point that drifts anew, and record its path and its axial velocity."""
         for row, result in zip(ran.rows, ran.results, strict=True):
             if result["codes"][CODE_MODE] == M_DRIFT:
                 x, y, result["axial_velocity"] = self._of(row, ran.how.rtol, space)
                 result["x"][: x.size], result["y"][: y.size] = x, y
 
     def _of(self, row: np.ndarray, rtol: float, space: Workspace) -> tuple[np.ndarray, np.ndarray, float]:
-        """Positions [m] of the run of a row, and its axial velocity [m s-1]."""
+        """Run a row anew; return the positions x and y [m], each of shape (n,), and the axial velocity [m s-1]."""
         parameters = Parameters(**dict(zip(ROW, row.tolist(), strict=True)))
         run = simulate_checked(parameters, exactly(self.periods, rtol), space)
         if not run.n_periods:
@@ -213,30 +216,30 @@ class Paths(Observer):
 
 @dataclass(frozen=True)
 class EndStates(Observer):
-    """State and friction modes at the end of each run."""
+    """State and friction modes at the end of each run; later runs are started from them."""
 
     needs = frozenset({"end"})
     slots = Along("slot", np.arange(N_START), Quantity("1", "slot of the state"))
     fields = (Field("end", Quantity("1", "state and friction modes at the end"), along=slots),)
 
     def observe(self, ran: Ran, space: Workspace) -> None:
-        """See `Observer`."""
-        assert ran.solved is not None  # it has asked for that
+        """Record the end of the run."""
+        assert ran.solved is not None  # since `needs` names the end
         ran.results["end"] = ran.solved.onward
 
 
 def needs_of(observers: Iterable[Observer]) -> frozenset[str]:
-    """What observers ask for."""
+    """Return the parts of a run (end, record) that any of the observers needs."""
     return frozenset[str]().union(*(observer.needs for observer in observers))
 
 
 def strobes_of(n: Any, points: int) -> tuple[Observer, ...]:
-    """The observer of so many strobes of each point; none for 0.
+    """Return the observer of `n` strobes of each point in a tuple; an empty tuple for n = 0.
 
     Raises
     ------
     ParameterError
-        If that is no number of strobes, or they are more than memory may hold.
+        If `n` is no number of strobes, or all strobes of the cube are more than `MAX_NUMBERS`.
     """
     kept = 0 if n == 0 else check_count("strobes", n)
     if points * kept > MAX_NUMBERS:
@@ -245,12 +248,12 @@ def strobes_of(n: Any, points: int) -> tuple[Observer, ...]:
 
 
 def paths_of(points: int, periods: Any, per_period: Any = 8) -> Paths:
-    """The observer of paths of so many points.
+    """Return the observer of the paths of `points` points.
 
     Raises
     ------
     ParameterError
-        If a number is not allowed, or they are more than memory may hold.
+        If a number is not allowed, or all positions of the cube are more than `MAX_NUMBERS`.
     """
     paths = Paths(check_count("paths.periods", periods, MAX_RECORDED), check_count("paths.per_period", per_period))
     positions = paths.periods * paths.per_period + 1

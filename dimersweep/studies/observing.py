@@ -1,4 +1,4 @@
-"""Observers of a user's own: what they declare, what tells one from another, and what they make of each run."""
+"""Observers of a user's own: how they are declared, identified and found, and what they record of each run."""
 
 import hashlib
 import inspect
@@ -27,17 +27,27 @@ from dimersweep.runs.solving import RunSettings, check_recorded, exactly, go_on,
 from dimersweep.studies.observers import MAX_NUMBERS, Observer, Ran
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 
-DECLARED = "observer_declaration"  # attribute of what `observer` has marked
+DECLARED = "observer_declaration"  # attribute that `observer` sets on the function or class that it marks
 WHY = Field("observer_error", QUANTITIES["observer_error"], f"S{MESSAGE_BYTES}", about="status")
-CUT = b"..."  # at the end of an error that is longer
+CUT = b"..."  # ends a message that is longer than MESSAGE_BYTES
 RECORDED = "a run that an observer looks at"
 
 F = TypeVar("F")
 
 
 class Declared(NamedTuple):
-    """Hold what `observer` was given: the variables, the version or a checksum of the text, the texts of other modules, and
-    whether a run that was stopped is enough.
+    """The declaration of an observer, as `observer` stores it.
+
+    Attributes
+    ----------
+    variables : tuple of Field
+        Variables that the observer records.
+    code : str
+        Its version, or the checksum of its text.
+    depends : mapping of str to str
+        Texts of the modules that it depends on, by their names.
+    settles : bool
+        True if a run that stopped when settled is enough for the observer.
     """
 
     variables: tuple[Field, ...]
@@ -46,7 +56,7 @@ class Declared(NamedTuple):
     settles: bool
 
 
-# --- what an observer declares ------------------------------------------------------------------------------------------
+# --- the declaration ----------------------------------------------------------------------------------------------------
 
 
 def observer(
@@ -56,31 +66,36 @@ def observer(
     stop_when_settled: bool = False,
     **variables: Mapping[str, Any],
 ) -> Callable[[F], F]:
-    """Declare what a function makes of each run of a sweep: ``sweep(..., observe=f)``; see docs/observers.md.
+    """Declare the variables that a function records of each run of a sweep, ``sweep(..., observe=f)``.
+
+    Observers are explained in docs/observers.md.
 
     Parameters
     ----------
     version : str or int, optional
-        What tells it from another version of it, in place of the text of its file.
+        Version of the observer. By default a checksum of its file stands for the version.
     depends : sequence of str or module, optional
-        Modules whose text counts, too.
+        Modules whose text counts for the checksum, too.
     stop_when_settled : bool
-        Whether a run that was stopped when its motion had settled is enough; else the rest of its periods is made, too.
+        If True, a run that stopped when its motion had settled is observed as it is; else its remaining periods are run
+        first.
     **variables : mapping
-        For each name that the function gives: `units` ("1" if none), `long_name`, and for an array of one dimension `along`, a
-        mapping with the `name` of the dimension, its `values` or their number, and perhaps their `units` and `long_name`.
+        For each name that the function returns: `units` ("1" if none), `long_name`, and for a 1-D array `along`. This
+        is a mapping with the `name` of the dimension, its `values` or their number, and optionally their `units` and
+        `long_name`.
 
     Returns
     -------
     callable
-        Marks a function, or a dataclass that can be called, and returns it. It is called with a `Run`, and returns a mapping of
-        names to numbers; what it leaves out is missing (NaN).
+        Decorator that marks a function, or a dataclass with ``__call__``, and returns it. The function is called with a
+        `Run` and returns a mapping of names to numbers. Variables that it leaves out are missing (NaN).
 
     Raises
     ------
     ParameterError
-        If a declaration is not as it must be, or what it marks is neither a function nor a dataclass; if the text of its file
-        cannot be read, or does not tell it from others, and there is no `version`.
+        If a declaration has unknown or missing keys or values that are not allowed. If the marked object is neither a
+        function nor a dataclass. If, without a `version`, the text of its file cannot be read, or several observers may
+        share its line.
 
     Examples
     --------
@@ -116,7 +131,7 @@ def observer(
 
 
 def _field(name: str, told: Any) -> Field:
-    """A variable as it was declared."""
+    """Return a variable, as it was declared, as a field of the cube; raise a ParameterError if it is not allowed."""
     _check_name(name)
     units, meaning, along = _declared(f"observer: {name}", told, ("units", "long_name"), ("along",))
     if along is None:
@@ -135,12 +150,13 @@ def _field(name: str, told: Any) -> Field:
 
 
 def _check_name(name: str) -> None:
+    """Raise a ParameterError if `name` is no name of ASCII letters, digits and underscores."""
     if not name.isidentifier() or not name.isascii():
         raise ParameterError(f"observer: {name!r}: must be a name of letters, digits and _")
 
 
 def _declared(where: str, told: Any, needed: tuple[str, ...], more: tuple[str, ...]) -> list[Any]:
-    """The values of a mapping with the keys `needed` and perhaps some `more`, None where they are missing."""
+    """Return the values of a mapping for the keys `needed` and `more`, None for those of `more` that are missing."""
     if not isinstance(told, Mapping):
         raise ParameterError(f"{where} = {reprlib.repr(told)}: must be a mapping with {' and '.join(needed)}")
     for key in told:
@@ -155,19 +171,19 @@ def _declared(where: str, told: Any, needed: tuple[str, ...], more: tuple[str, .
     return [told.get(key) for key in (*needed, *more)]
 
 
-# --- what tells it from another -------------------------------------------------------------------------------------------
+# --- the checksum ---------------------------------------------------------------------------------------------------------
 
 
 def _checksum(function: Any, caller: CodeType, *told: Any) -> str:
-    """Return the checksum of an observer: of the text of its file, of its line there, and of what is `told` besides.
+    """Return the checksum of an observer: of the text of its file, of its line there, and of `told`.
 
-    A decorator may stand in another file than the `caller`, which marks it. The text is taken when the file is imported: later
-    on it may have changed.
+    `caller` is the code that marks the observer. A decorator may stand in another file, whose text counts then, too.
+    The text is taken when the file is imported, as it may have changed later on.
 
     Raises
     ------
     ParameterError
-        If the text cannot be read, or one line of it may make several observers.
+        If the text cannot be read, or one line of it may make several observers (a lambda, a function in a function).
     """
     if "<" in function.__qualname__:  # <lambda>, or in the <locals> of a function
         raise ParameterError(
@@ -180,7 +196,7 @@ def _checksum(function: Any, caller: CodeType, *told: Any) -> str:
 
 
 def _text_of(what: CodeType | ModuleType) -> str:
-    """All of the file in which code stands, or of the cell of a notebook."""
+    """Return the whole text of the file, or of the cell of a notebook, in which code stands."""
     try:
         return "".join(inspect.findsource(what)[0])
     except (OSError, TypeError):
@@ -190,7 +206,7 @@ def _text_of(what: CodeType | ModuleType) -> str:
 
 
 def _module(given: str | ModuleType) -> Any:
-    """A module that an observer depends on."""
+    """Return a module that an observer depends on; refuse a package, whose text lies in many files."""
     there = _imported(given, f"observer: depends = {given!r}") if isinstance(given, str) else given
     if not isinstance(there, ModuleType) or hasattr(there, "__path__"):
         raise ParameterError(
@@ -199,22 +215,22 @@ def _module(given: str | ModuleType) -> Any:
     return there
 
 
-# --- where it is ----------------------------------------------------------------------------------------------------------
+# --- finding an observer --------------------------------------------------------------------------------------------------
 
 
 def look_in(folder: Path) -> None:
-    """Have modules of observers be found in a folder, too, behind all other places."""
+    """Add a folder to the places where modules are searched for, behind all others, to find observers there."""
     if str(folder.absolute()) not in sys.path:
         sys.path.append(str(folder.absolute()))
 
 
 def found(name: str) -> Any:
-    """What stands under a name such as ``my_module:spectral``.
+    """Return the object that has a name such as ``my_module:spectral``.
 
     Raises
     ------
     ParameterError
-        If there is no such module, or it cannot be imported, or has no such name.
+        If the module does not exist, cannot be imported, or has no object of that name.
     """
     module, _, path = name.partition(":")
     if not module or not path:
@@ -228,6 +244,7 @@ def found(name: str) -> Any:
 
 
 def _imported(module: str, where: str) -> Any:
+    """Import a module and return it; raise a ParameterError that begins with `where` if the import fails."""
     try:
         return import_module(module)
     except Exception as error:  # whatever the module does
@@ -238,16 +255,17 @@ def _imported(module: str, where: str) -> Any:
 
 
 def _shown(given: Any) -> str:
+    """Return the name of an observer for messages."""
     return getattr(given, "__qualname__", None) or reprlib.repr(given)
 
 
 def _taken_apart(given: Any) -> tuple[Any, dict[str, Any]]:
-    """The function or the dataclass that was declared, and the arguments that it was given.
+    """Return the function or dataclass that was declared as an observer, and its arguments by name.
 
     Raises
     ------
     ParameterError
-        If it is neither, or has arguments that no configuration can hold.
+        If `given` was not declared, or has arguments that no configuration (JSON) can hold.
     """
     arguments: dict[str, Any] = {}
     while isinstance(given, partial):
@@ -258,7 +276,7 @@ def _taken_apart(given: Any) -> tuple[Any, dict[str, Any]]:
         given, arguments = type(given), {each.name: getattr(given, each.name) for each in fields(given)}
     shown = f"observe = {_shown(given)}"
     declared = getattr(given, "__dict__", {}).get(DECLARED)
-    # that of a base, or of what it wraps, tells of another text
+    # a declaration that is inherited, or copied from a wrapped function, has the checksum of another text
     if declared is None or declared is getattr(getattr(given, "__wrapped__", None), DECLARED, None):
         cure = '@dimersweep.observer(name={"units": ..., "long_name": ...})'
         raise ParameterError(f"{shown}: declares nothing; mark a function or a dataclass, above all else, with {cure}")
@@ -275,7 +293,7 @@ def _taken_apart(given: Any) -> tuple[Any, dict[str, Any]]:
     return given, arguments
 
 
-# --- what it makes of each run ------------------------------------------------------------------------------------------
+# --- observing a run ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -285,15 +303,18 @@ class OwnObserver(Observer):
     Parameters
     ----------
     name : str
-        Such as ``my_module:spectral``.
+        Where the observer stands, such as ``my_module:spectral``.
     arguments : dict
+        Arguments of the observer besides the run, by name.
     code : str
-        See `Declared`.
+        Version or checksum, see `Declared`.
     declared : tuple of Field
+        Variables that it records.
     how : RunSettings
-        Of the runs that it looks at; where they do not stop when settled, the rest of a run of the study that did is made, too.
+        Settings of the runs that it observes. Without `stop_when_settled`, a run of the study that stopped early is
+        continued.
     base : function or class, optional
-        What has that name; None in another process, which looks for it.
+        The object of that name; None in another process, which imports it by `name`.
     """
 
     needs: ClassVar[frozenset[str]] = frozenset({"record"})
@@ -307,16 +328,16 @@ class OwnObserver(Observer):
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """See `Observer`."""
+        """Fields that are filled in: the declared variables, and the error of an observer that failed."""
         return (*self.declared, WHY)
 
     def settings(self) -> dict[str, Any]:
-        """See `Observer`."""
+        """Return the name, version, arguments and variables of the observer, for the configuration."""
         names = [name for each in self.declared for name in (each.name, *([each.along.name] if each.along else []))]
         return {"observe": {"name": self.name, "code": self.code, "arguments": self.arguments, "variables": names}}
 
     def __getstate__(self) -> dict[str, Any]:
-        """By its name, if other processes may find it there: these tell then what they lack."""
+        """Leave the function out where other processes can import it by name: they report then what they lack."""
         try:
             known = not self.name.startswith("__main__:") and found(self.name) is self.base
         except ParameterError:
@@ -325,15 +346,18 @@ class OwnObserver(Observer):
 
     @property
     def here(self) -> Any:
-        """What has its name in this process."""
+        """The function or class of the observer in this process."""
         return found(self.name) if self.base is None else self.base
 
     def check_here(self) -> None:
-        """Refuse another version of the observer here: a module calls the functions of its latest import."""
+        """Refuse another version of the observer in this process (ParameterError).
+
+        Modules that the observer depends on must be unchanged, too, since they were imported.
+        """
         try:
             there = found(self.name)
         except ParameterError:
-            there = self.here  # it goes to other processes as it is
+            there = self.here  # an observer without an importable name goes to other processes as a copy
         told = getattr(there, DECLARED, getattr(self.base, DECLARED, None))
         if (
             told is None
@@ -345,7 +369,7 @@ class OwnObserver(Observer):
             )
 
     def failed(self, result: np.void, error: Exception) -> None:
-        """Note that it has failed at a point; other points do not suffer."""
+        """Record in the result of a point that the observer raised `error` there; other points are not affected."""
         why = f"{type(error).__name__}: {one_line(error)}".encode(errors="backslashreplace")
         if len(why) > MESSAGE_BYTES:
             why = why[: MESSAGE_BYTES - len(CUT)].decode(errors="ignore").encode() + CUT
@@ -353,7 +377,7 @@ class OwnObserver(Observer):
         result["codes"][CODE_STATUS] = OBSERVER_FAILED
 
     def observe(self, ran: Ran, space: Workspace) -> None:
-        """See `Observer`."""
+        """Run the observer on each run that is ok, continue the run first where needed, and record its variables."""
         how, here = self.how, self.here
         call = here(**self.arguments) if isinstance(here, type) else partial(here, **self.arguments)
         for row, result in zip(ran.rows, ran.results, strict=True):
@@ -378,7 +402,7 @@ class OwnObserver(Observer):
                 self.failed(result, error)
 
     def _checked(self, returned: Any) -> dict[str, np.ndarray]:
-        """What it has returned, as it has declared it; raises otherwise."""
+        """Return what an observer returned as arrays by name; raise an error if it differs from the declaration."""
         if not isinstance(returned, Mapping):
             raise TypeError(f"returned {type(returned).__name__}, no mapping of names to numbers")
         fields = {each.name: each for each in self.declared}
@@ -403,25 +427,28 @@ def own_of(
     axes: Iterable[str] = (),
     arguments: Mapping[str, Any] | None = None,
 ) -> tuple[OwnObserver, ...]:
-    """The observer that a user gives, checked; none for None.
+    """Return the observer that a user gives, checked, in a tuple; an empty tuple for None.
 
     Parameters
     ----------
     observe : callable or str, optional
-        What `observer` has marked; or where it stands, such as ``my_module:spectral``.
+        Function or dataclass that `observer` has marked; or its place, such as ``my_module:spectral``.
     points : int
+        Number of points of the study.
     how : RunSettings
-        Of the runs that it looks at.
+        Settings of the runs that it observes.
     others : iterable of Observer
-        What else is known of each point.
+        Other observers of the study, whose names are taken.
     axes : iterable of str
-        Dimensions of the cube.
+        Dimensions of the cube, whose names are taken.
     arguments : mapping, optional
-        What it is given by name.
+        Arguments of the observer besides the run, by name.
 
     Raises
     ------
     ParameterError
+        If the observer is not found, was not declared, takes other arguments, has names that the cube has already, or
+        records more numbers than one cube may hold.
     """
     if observe is None:
         if arguments:
@@ -448,7 +475,7 @@ def own_of(
 
 
 def _check_names(declared: Iterable[Field], others: Iterable[Field], axes: Iterable[str]) -> None:
-    """Refuse names that a cube has already, and a dimension that is told in two ways."""
+    """Refuse names that the cube has already, and one dimension with different values (ParameterError)."""
     others = list(others)
     dims = {each.along.name: each.along.values for each in others if each.along}
     taken = {*PARAMETERS, *QUANTITIES, *SETTINGS, *(RESULT.names or ()), *axes, *(each.name for each in others)}

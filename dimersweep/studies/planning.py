@@ -1,4 +1,4 @@
-"""What a sweep, a search or a map would cost, estimated from a timed sample of it; nothing is written."""
+"""Estimate the cost of a sweep, a search or a map from a timed sample of it; no file is written."""
 
 from dataclasses import dataclass
 from itertools import islice
@@ -19,24 +19,24 @@ from dimersweep.work.computing import settle_way
 from dimersweep.work.scheduling import TILES_PER_WORKER
 from dimersweep.work.tiles import TILE_SECONDS
 
-_SEED = 20100
+_SEED = 20100  # of the random points, fixed so that a plan can be repeated
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The cost of a sweep, a search or a map.
+    """The expected cost of a sweep, a search or a map.
 
     Parameters
     ----------
     study : Study
     done, workers : int
-        Points that are finished already, and threads to be.
+        Number of points that are finished already, and of threads of the run to come.
     sample : Sample
-        What was run of it.
+        Sample of the study that was run.
     points : ndarray, shape (n,), float64
-        Points to run for each unit of the sample; a share of those that others need too.
+        Number of points to run in each unit of the sample. A point that several units need counts in part.
     times : ndarray, shape (n,), float64
-        Their times [s].
+        Time of each unit [s].
     """
 
     study: Study
@@ -47,48 +47,49 @@ class Plan:
     times: np.ndarray
 
     def _total(self, values: np.ndarray) -> tuple[float, float]:
-        """What the sample says of the sum of `values` over all units, and its standard error."""
+        """Return the sum of `values` over all units, estimated from the sample, and its standard error."""
         n, units = values.size, self.sample.units
+        # one unit of several gives no spread; the last factor is 0 if all units were sampled
         spread = inf if n < 2 < units else float(values.std(ddof=min(1, n - 1)))
         return units * float(values.mean()), units * spread * sqrt((1 - n / units) / n)
 
     @property
     def to_run(self) -> int:
-        """Points to be run in all."""
+        """Expected number of points to be run, finished points included."""
         return max(1, self.done, round(self._total(self.points)[0]))
 
     @property
     def tile_points(self) -> int:
-        """Points in a tile."""
+        """Number of points in a tile: whole lines, about `TILE_SECONDS` of work, several tiles for each worker."""
         longest = ceil(self.to_run / (TILES_PER_WORKER * self.workers))
         length = min(longest, int(TILE_SECONDS * self.points.sum() / self.times.sum()))
         return self.study.line * max(1, length // self.study.line)
 
     @property
     def size(self) -> int:
-        """Bytes of the cube before compression."""
+        """Size of the cube before compression [bytes]."""
         cube = signed(self.study.template(), self.study.configuration())
         return self.study.size * sum(variable.nbytes for variable in cube.data_vars.values())
 
     @property
     def seconds(self) -> tuple[float, float]:
-        """Estimate of the time left, and its standard error from the spread of the sample [s]."""
+        """Expected time left, and its standard error from the spread of the sample [s]."""
         share = (1 - self.done / self.to_run) / self.workers
         time, error = self._total(self.times)
         return share * time, share * error
 
     def as_dict(self) -> dict[str, float]:
-        """The plan in numbers, those of time in seconds."""
+        """Return the plan as numbers, times in seconds."""
         left, (seconds, error) = self.to_run - self.done, self.seconds
         tiles = {"tiles": ceil(left / self.tile_points), "tile_points": self.tile_points}
         times = {"seconds": seconds, "seconds_error": error, "sample_seconds": float(self.times.mean())}
         return {"points": self.to_run, "done": self.done, "bytes": self.size, "workers": self.workers} | tiles | times
 
     def lines(self) -> list[str]:
-        """The plan in words."""
+        """Return the plan in words, as lines of text."""
         left, (seconds, error), size = self.to_run - self.done, self.seconds, self.study.size
         points = f"{self.to_run}"
-        if not np.allclose(self.points, self.study.line):  # of a map
+        if not np.allclose(self.points, self.study.line):  # only cells of a map differ in their points
             spread = self._total(self.points)[1]
             points = f"about {points} (standard error {spread:.0f}), or a third more, of a fine grid of {size}"
         done = f", {self.done} of them done" if self.done else ""
@@ -105,16 +106,16 @@ class Plan:
 
 
 def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
-    """Time a random sample of a study, on one thread.
+    """Time a sample of a study, on one thread, and return the expected cost of all of it.
 
     Parameters
     ----------
     study : Study
-        The grid of a sweep may be of any size: only the sampled points are laid out.
+        The study. The grid of a sweep may be of any size: only the sampled points are laid out.
     workers : int
-        Threads that it would have.
+        Number of threads of the run to come.
     out : Path, optional
-        The cube to be; points that are finished for it need not be run again.
+        File of the cube to come; points that are finished for it need not be run again.
 
     Returns
     -------
@@ -132,7 +133,7 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
 
 
 def _cost(part: Study, shares: np.ndarray) -> tuple[float, float]:
-    """What a part of a study takes, its points counting as `shares` say, and their time as the runs that they took."""
+    """Run a part; return the number of its points, and its time [s], both with points weighted by `shares`."""
     results, seconds = in_memory(part)
     made = ~not_run(results["codes"])
     runs = results["counts"].sum(axis=1) if "counts" in (part.kind.names or ()) else made

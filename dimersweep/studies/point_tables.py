@@ -1,4 +1,4 @@
-"""Tables of points that a sweep file names: in a CSV file, listed, or drawn from ranges."""
+"""Tables of points that a sweep file gives in a CSV file, as a list, or as ranges to draw from."""
 
 import csv
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ SAMPLES = ("random", "latin_hypercube", "sobol")
 def point_table(
     *, file: str | None, columns: Mapping[str, Any], ranges: Mapping[str, Any], **drawn: Any
 ) -> dict[str, Any]:
-    """The table that a section ``[points]`` stands for, as `make_points` takes it.
+    """Return the table of points that a section ``[points]`` declares, as `make_points` takes it.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ def point_table(
     ranges : mapping
         ``{"start", "stop"}`` of each parameter, with an optional ``"unit"`` and ``"spacing": "log"``.
     **drawn
-        See `draw_points`.
+        Settings of points that are drawn, see `draw_points`.
 
     Raises
     ------
@@ -50,22 +50,28 @@ def point_table(
 def draw_points(
     ranges: Mapping[str, Any], *, sample: str | None, number: int | None, seed: int | None
 ) -> dict[str, np.ndarray]:
-    """Points drawn from the box of some ranges by `scipy.stats.qmc`, the same ones for the same seed.
+    """Draw points from the box of some ranges with `scipy.stats.qmc`; the same seed gives the same points.
 
     Parameters
     ----------
     ranges : mapping
-        See `point_table`.
+        Ranges of the parameters, see `point_table`.
     sample : str
         One of `SAMPLES`; a Latin hypercube by default.
     number : int
-        Of points; a power of two for a Sobol sequence, whose parts are no even cover.
+        Number of points; a power of two for a Sobol sequence, as other numbers of its points cover the box unevenly.
     seed : int
-        0 by default.
+        Seed of the random numbers; 0 by default.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (number,)
+        Values of each parameter, SI units.
 
     Raises
     ------
     ParameterError
+        If the number, or a range, is missing or not allowed.
     """
     from scipy.stats import qmc
 
@@ -89,7 +95,7 @@ def draw_points(
 
 
 def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
-    """Both ends of a range, in SI units, and whether it is evenly covered on a logarithmic scale."""
+    """Return both ends of a range, in SI units, and True if it is covered evenly on a logarithmic scale."""
     needed = {"start", "stop"}
     if not isinstance(declared, Mapping) or not needed <= declared.keys() <= {*needed, "unit", "spacing"}:
         raise ParameterError(f"points.ranges.{name}: give start and stop, and perhaps unit and spacing")
@@ -101,7 +107,11 @@ def _ends(name: str, declared: Any) -> tuple[float, float, bool]:
 
 
 def between(low: float, high: float, by_ratio: bool, share: np.ndarray) -> np.ndarray:
-    """The values at shares in [0, 1) of a range; by ratio each is the nearest float, as in `cubes.grid`."""
+    """Return the values at shares in [0, 1) of a range, shape (n,).
+
+    `by_ratio` divides the range on a logarithmic scale, in decimal arithmetic: each value is the nearest float, as in
+    `cubes.grid`.
+    """
     if not by_ratio:
         return low + (high - low) * share
     with localcontext(Context(prec=RATIO_DIGITS)):
@@ -111,12 +121,13 @@ def between(low: float, high: float, by_ratio: bool, share: np.ndarray) -> np.nd
 
 
 def _read(file: str) -> dict[str, list[str]]:
-    """The columns of a CSV file, whose first line names them.
+    """Return the columns of a CSV file by name; its first line has the names.
 
     Raises
     ------
     ParameterError
-        If it cannot be read or is no table, with the line that has more or fewer values than there are names.
+        If the file cannot be read, is empty, or a line (which is named) has more or fewer values than the first line
+        has names.
     """
     where = f"points.file = {file!r}"
     try:

@@ -1,15 +1,19 @@
-"""The declared sweeps that come with the package: every dataset of the paper, and more."""
+"""Find the sweep files that come with the package: one for every dataset of the paper, and more."""
 
 from pathlib import Path
 
 from dimersweep.errors import ParameterError, unknown
 
 _HERE = Path(__file__).parents[1]
-FOLDERS = (_HERE / "presets", _HERE.parent / "sweeps")  # of an installed package, and of a copy of the repository
+# of an installed package, and of a copy of the repository: the first one that has any is taken
+FOLDERS = (_HERE / "presets", _HERE.parent / "sweeps")
 
 
 def presets(kind: str = "") -> dict[str, Path]:
-    """The files of all presets, by their names; of declarations of borders with "borders"."""
+    """Return the files of all presets of a kind, by their names.
+
+    `kind` is the folder of the presets: "" for sweeps, "borders" for files of borders.
+    """
     for folder in FOLDERS:
         found = {path.stem: path for path in sorted((folder / kind).glob("*.toml"))}
         if found:
@@ -18,12 +22,14 @@ def presets(kind: str = "") -> dict[str, Path]:
 
 
 def find_declaration(given: Path, kind: str = "") -> Path:
-    """The file that is meant by `given`: a path, or the name of a preset of that kind, see `presets`.
+    """Return the file that `given` names: a path as it is, or the file of the preset of that name.
+
+    `kind` is the folder of the presets, as in `presets`.
 
     Raises
     ------
     ParameterError
-        If it is neither.
+        If `given` is a mere name and no preset has it.
     """
     if given.exists() or given.suffix or given.parent != Path():
         return given

@@ -1,4 +1,4 @@
-"""Boundaries at the cost of their length: cells of a coarse grid are halved only where the answers of a search disagree."""
+"""Refined maps: cells of a coarse grid are halved only where the answers of a search disagree."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,36 +23,44 @@ from dimersweep.studies.search import MIXED, REGIONS, Search
 from dimersweep.studies.study import Batch, Sample
 from dimersweep.work.options import Given, with_options
 
-MAX_HALVINGS = 12
-FILLED = ("answer", "region", "mode")  # what a point that was not computed takes from the cell around it
+MAX_HALVINGS = 12  # 4096 intervals of the fine grid in each of the coarse one
+# variables that a point that was not computed takes from a corner of the cell around it
+FILLED = ("answer", "region", "mode")
 
 
 class Cell(NamedTuple):
-    """A box of the fine grid: its lowest corner and its extent, in points."""
+    """A box of the fine grid: its lowest corner, and its extent along each axis in intervals."""
 
     origin: tuple[int, ...]
     size: tuple[int, ...]
 
     def spans(self) -> Iterator[tuple[int, int]]:
-        """Its lowest place and its extent along each axis."""
+        """Return the lowest place and the extent of the cell along each axis."""
         return zip(self.origin, self.size, strict=True)
 
     def corners(self) -> list[tuple[int, ...]]:
-        """Places of the corners."""
+        """Return the places of the corners."""
         return list(product(*((o, o + s) for o, s in self.spans())))
 
     def faces(self) -> list[tuple[slice, ...]]:
-        """Boxes, borders included, that the cell falls into along the axes on which it cannot be cut any more."""
+        """Return the boxes of points, borders included, that are filled from one corner each.
+
+        Along an axis on which the cell is longer than 1 the box spans the cell. Along others each of the two places is
+        a box of its own.
+        """
         ends = ([slice(o, o + s + 1)] if s > 1 else [slice(o, o + 1), slice(o + 1, o + 2)] for o, s in self.spans())
         return list(product(*ends))
 
     def halves(self, along: set[int]) -> list["Cell"]:
-        """The cell cut in two along each axis in `along`."""
+        """Return the cells into which this one is cut, in two along each axis in `along`."""
         cut = ([(o, s // 2), (o + s // 2, s // 2)] if k in along else [(o, s)] for k, (o, s) in enumerate(self.spans()))
         return [Cell(*zip(*part, strict=True)) for part in product(*cut)]
 
     def torn(self, labels: np.ndarray) -> set[int]:
-        """Axes along which known labels (not -1) of its points disagree."""
+        """Return the axes along which known labels (not -1) of the points of the cell disagree.
+
+        All axes are returned if labels disagree, but not on any line along an axis.
+        """
         part = labels[tuple(slice(o, o + s + 1) for o, s in self.spans())]
         if not _differ(part).any():
             return set()
@@ -60,35 +68,38 @@ class Cell(NamedTuple):
         return {k for k in axes if _differ(part, k).any()} or axes
 
     def inside(self, axis: int = 0, margin: int = 0) -> tuple[slice, ...]:
-        """The cells of the fine grid that it covers, and as many as `margin` more at both its ends along `axis`."""
+        """Return the intervals of the cell, `margin` more at both ends along `axis`, as slices of the fine grid."""
         more = [margin * (k == axis) for k in range(len(self.origin))]
         return tuple(slice(max(0, o - m), o + s + m) for (o, s), m in zip(self.spans(), more, strict=True))
 
 
 def _differ(labels: np.ndarray, axis: int | None = None) -> Any:
-    """Whether the known labels are several, all of them or those on each line along `axis`."""
+    """Return True where known labels (not -1) differ: among all labels, or on each line along `axis`."""
+    # unknown labels (-1) must not count as the least
     lowest = np.where(labels < 0, np.iinfo(labels.dtype).max, labels).min(axis=axis)
     return lowest < labels.max(axis=axis)
 
 
 def cuts(cells: Sequence[Cell], labels: np.ndarray) -> dict[Cell, set[int]]:
-    """Cells that have to be cut, each with the axes.
+    """Return the cells that have to be cut, each with the axes to cut it along.
 
-    A cell on which known labels disagree is halved as long as there is something to halve, and one that touches it at an
-    end is brought to its size: so a border has cells of the finest size on either side, and what lies near it is seen.
+    A cell in which known labels disagree is halved while it is longer than 1. A cell that touches it at an end is
+    brought to its size. So a border has cells of the finest size on both sides, and what lies near the border is seen.
 
     Parameters
     ----------
     cells : sequence of Cell
-        Of the whole grid.
+        All cells of the grid.
     labels : ndarray, int
-        Of the points of the fine grid, -1 where not known.
+        Labels of the points of the fine grid, -1 where not known.
     """
     shape = tuple(n - 1 for n in labels.shape)
-    longest = np.full((labels.ndim, *shape), np.iinfo(np.int64).max)  # that a cell may be along each axis
+    # greatest extent that a cell over each interval may have along each axis
+    longest = np.full((labels.ndim, *shape), np.iinfo(np.int64).max)
     for cell in cells:
         for axis in cell.torn(labels):
             size = cell.size[axis]
+            # neighbours at the ends may be as long as this cell, and the cell itself half as long
             for part, limit in ((cell.inside(axis, 1), size), (cell.inside(), max(1, size // 2))):
                 np.minimum(longest[axis][part], limit, out=longest[axis][part])
     chosen = {}
@@ -101,18 +112,18 @@ def cuts(cells: Sequence[Cell], labels: np.ndarray) -> dict[Cell, set[int]]:
 
 @dataclass(frozen=True, kw_only=True)
 class RefinedMap(Search):
-    """A search on a fine grid, of which only the points that are needed are computed; see `Search`.
+    """A search on a fine grid that computes only the points that the borders of regions need; see `Search`.
 
     Parameters
     ----------
     grid : Grid
         The fine grid.
     halvings : dict of str to int
-        Of each axis.
+        Number of halvings of the intervals of each axis.
     between : list of int
-        Regions to be told apart, codes.
+        Codes of the regions whose borders are refined.
     cells : sequence of Cell
-        Into which it is cut. Given from batch to batch, and no part of the configuration.
+        Cells into which the grid is cut. They are set anew for each batch and are no part of the configuration.
     """
 
     halvings: dict[str, int]
@@ -121,39 +132,40 @@ class RefinedMap(Search):
 
     @property
     def summary(self) -> str:
-        """See `Study`."""
+        """Title of the cube, unless a user gives another one."""
         return "map refined at the borders of its regions, for a 3D dimer on a vibrating plate"
 
     @property
     def coarse(self) -> Grid:
-        """The grid to begin with."""
+        """Coarse grid, which is computed as a whole."""
         return Grid({name: axis[:: 1 << self.halvings[name]] for name, axis in self.grid.axes.items()}, self.grid.fixed)
 
     @property
     def labels(self) -> np.ndarray:
-        """What each region counts as, codes: those that are not to be told apart count as one, MIXED."""
+        """Label of each region, codes: its own code if it is in `between`, else MIXED, so that others count as one."""
         labels = np.full(MIXED + 1, MIXED)
         labels[self.between] = self.between
         return labels
 
     def configuration(self) -> dict[str, Any]:
-        """See `Study`."""
+        """Return the settings of the search on the coarse grid, with the halvings and the regions."""
         told_apart = [REGIONS[code] for code in self.between]
         halvings = {name: n for name, n in self.halvings.items() if n}
         refined = {"refine": {"halvings": halvings, "between": told_apart}}
         return super().configuration() | self.coarse.configuration() | refined
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
-        """See `Study`: cells are cut until there is none to be cut (see `cuts`).
+        """Yield the corners of the cells that are new, until no cell has to be cut (see `cuts`).
 
-        What was known before is used when its turn comes, so that a map that goes on is cut as an undisturbed one.
+        Results that are known from a map that was stopped are used only in the batch that asks for them. So a resumed
+        map is cut as one that was never stopped.
         """
         extent = tuple(1 << count for count in self.halvings.values())
         starts = (range(0, n - 1, part) for n, part in zip(self.grid.shape, extent, strict=True))
         cells = [Cell(origin, extent) for origin in product(*starts)]
         cut, reached = [(cell, cell) for cell in cells], np.zeros(self.grid.size, dtype=bool)
         while cut:
-            near: dict[int, set[int]] = {}  # of the corners that are new: those of the cell that was cut
+            near: dict[int, set[int]] = {}  # new corners, each with the corners of the cell that was cut
             for cell, parent in cut:
                 around = self._corners(parent)
                 for point in self._corners(cell):
@@ -170,33 +182,40 @@ class RefinedMap(Search):
             cells = [cell for cell in cells if cell not in chosen] + [half for half, _ in cut]
 
     def sample(self, rng: np.random.Generator) -> Sample:
-        """See `Study`: cells spread over the coarse grid, each refined as if it were alone.
+        """Return cells spread over the coarse grid, each refined as if it were alone.
 
-        What a border asks for beyond the cell is left out: of borders near the edges of cells, up to a third of the points.
+        Points that a border needs beyond its cell are left out: up to a third of all points, where borders run near
+        edges of cells.
         """
         self.check_fits()
         cells = tuple(n - 1 for n in self.coarse.shape)
         units = prod(cells)
         parts = (self._cell(np.unravel_index(k, cells), cells) for k in spread_order(units).tolist())
+        # three times as long as for other studies: only the few cells that a border crosses cost more than their
+        # corners
         return Sample(units, "cells spread over the coarse grid", parts, seconds=30.0)
 
     def _cell(self, place: Sequence[int], cells: Sequence[int]) -> tuple[Self, np.ndarray]:
-        """The map of one cell of the coarse grid, and the shares of its points that belong to the cell."""
+        """Return the map of one cell of the coarse grid, and the weights of its points [1], shape (n,)."""
         axes, shares = {}, np.ones(1)
         for (name, values), k, n in zip(self.grid.axes.items(), place, cells, strict=True):
             length = 1 << self.halvings[name]
             axes[name] = values[k * length : (k + 1) * length + 1]
             share = np.ones(length + 1)
-            share[0], share[-1] = 1 if k == 0 else 0.5, 1 if k == n - 1 else 0.5  # ends are of neighbours, too
+            # a point at an end belongs to the neighbour, too, but for ends of the grid
+            share[0], share[-1] = 1 if k == 0 else 0.5, 1 if k == n - 1 else 0.5
             shares = np.multiply.outer(shares, share).ravel()
         return replace(self, grid=Grid(axes, self.grid.fixed)), shares
 
     def _corners(self, cell: Cell) -> list[int]:
-        """Numbers of the points at the corners of a cell."""
+        """Return the numbers of the points at the corners of a cell."""
         return [int(np.ravel_multi_index(place, self.grid.shape)) for place in cell.corners()]
 
     def as_cube(self, results: np.ndarray) -> xr.Dataset:
-        """See `Study`; points that were not computed are set to what the corners of cells around are, and told apart."""
+        """Return the results as a cube; `computed` says which points were run.
+
+        The variables `FILLED` of other points are those of a corner of the cell around them.
+        """
         cube = super().as_cube(results)
         computed = ~not_run(results["codes"]).reshape(self.grid.shape)
         for face in (face for cell in self.cells for face in cell.faces()):
@@ -209,15 +228,15 @@ class RefinedMap(Search):
 
 
 def study_of(coarse: Search, halvings: Mapping[str, int], between: Sequence[str] | None) -> RefinedMap:
-    """The refined map that begins with a search on a coarse grid, checked; see `refine`.
+    """Check a refined map that begins with a search on a coarse grid, and return it as a study; see `refine`.
 
     Raises
     ------
     ParameterError
-        If something is not allowed.
+        If halvings, regions or the search are not allowed in a map.
     """
     axes = coarse.grid.axes
-    check(axes)  # a map has no gaps
+    check(axes)  # all points must be allowed: a map has no gaps
     if not all(isinstance(each, OwnObserver) for each in coarse.observers):
         raise ParameterError("refine: goes with neither paths nor search.orbit_periods")
     if not isinstance(halvings, Mapping):
@@ -261,29 +280,29 @@ def refine(
     observe: Any = None,
     **options: Unpack[Given],
 ) -> xr.Dataset:
-    """A map of regions on a fine grid, at the cost of their boundaries: a search at every point where it is needed.
+    """Refine a map of regions where its borders are: a search at every point of a fine grid that the borders need.
 
-    The search is made at the points of `grid` first. A cell whose computed points (its corners, and what finer
-    neighbours have added on its border) lie in different regions is halved along the axes on which they differ, down to
-    the fine grid, and the cells that it touches at its ends are brought to its size. A region that lies wholly inside of
-    one cell of `grid`, away from every border, is not seen.
+    The search is made at the points of `grid` first. A cell of this grid is halved if its computed points lie in
+    different regions: its corners, and points that finer neighbours have added on its border. It is halved along the
+    axes on which they differ, down to the fine grid. Cells that it touches at its ends are brought to its size. A
+    region that lies wholly inside of one cell of `grid`, away from every border, is not seen.
 
     Parameters
     ----------
     grid, fixed, over, ask, mode, periods, max_periods, rtol, observe
         As in `search`; the axes other than `over` are the coarse grid.
     halvings : mapping of str to int
-        How often the intervals of each axis are halved at most.
+        Greatest number of halvings of the intervals of each axis.
     between : sequence of str, optional
-        Regions to be told apart, all others counting as one; all by default.
+        Regions whose borders are refined; all other regions count as one. All by default.
     out, workers, progress, force, attrs, client, extend, retry, fail_fast, keep_tiles
         As in `search`.
 
     Returns
     -------
     xarray.Dataset
-        As of `search`, on the fine grid; where ``computed`` is no, `answer`, `region` and `mode` are those of the
-        cell around the point, and the rest is missing.
+        Cube as of `search`, on the fine grid. Where ``computed`` is no, `answer`, `region` and `mode` are those of the
+        cell around the point, and other variables are missing.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Questions about an axis at every point of a grid, such as whether any initial dip angle drifts: points, waves and cube."""
+"""Search an axis at every point of a grid, for example whether any initial dip angle leads to a drift."""
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,21 +27,21 @@ from dimersweep.work.options import Given, with_options
 from dimersweep.work.parts import SweepPart
 
 REGIONS = FLAGS["region"]
-MIXED = REGIONS.index("mixed")  # several modes, none of them the one asked for
+MIXED = REGIONS.index("mixed")  # region of a point whose runs have several modes, none of them the mode in question
 
 
 @dataclass(frozen=True, kw_only=True)
 class Search(Study):
-    """A question about one axis, asked at every point of a grid that has no axis of that name; see `Study`.
+    """A question about one axis, asked at every point of a grid of the other axes; see `Study`.
 
-    Its observers look at the deciding runs.
+    Observers look at the deciding runs.
 
     Parameters
     ----------
     question : Question
     hints : mapping of int to sequence of int
-        Of points, by their numbers: indices on the searched axis to try first. Given from wave to wave, and no part of the
-        configuration.
+        Indices on the searched axis that are tried first, for each point by its number. They are set anew for each
+        batch and are no part of the configuration.
     """
 
     grid: Grid
@@ -52,17 +52,17 @@ class Search(Study):
 
     @property
     def summary(self) -> str:
-        """See `Study`."""
+        """Title of the cube, unless a user gives another one."""
         return f"search over {self.question.axis} for a 3D dimer on a vibrating plate"
 
     def configuration(self) -> dict[str, Any]:
-        """See `Study`."""
+        """Return the settings of `Study.configuration`, with the length of the orbits among those of the search."""
         settings = super().configuration()
         settings["search"]["orbit_periods"] = settings.pop("orbit_periods", 0)
         return settings
 
     def asked(self) -> dict[str, Any]:
-        """See `Study`."""
+        """Return the settings of the question, and length and accuracy of its runs."""
         question = self.question
         search = {
             "axis": question.axis,
@@ -73,13 +73,13 @@ class Search(Study):
         return {"search": search, "periods": self.how.periods, "rtol": self.how.rtol}
 
     def narrowed(self, points: np.ndarray) -> tuple[Self, np.ndarray]:
-        """See `Work`."""
+        """Return the search on the smallest window that holds `points`, with their hints, and their numbers there."""
         small, there = super().narrowed(points)
         hints = {new: self.hints.get(old, ()) for new, old in zip(there.tolist(), points.tolist(), strict=True)}
         return replace(small, hints=hints), there
 
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
-        """See `Work`."""
+        """Search at `points` in order, fill in `results`, and return the number of points that are done."""
         for k, point in enumerate(points.tolist()):
             ran = self._decided(point, results[k : k + 1], space)
             if ran is None or not self.observed(ran, space):
@@ -87,12 +87,12 @@ class Search(Study):
         return points.size
 
     def _decided(self, point: int, result: np.ndarray, space: Workspace) -> Ran | None:
-        """Search at one point, fill in its result, and give the deciding run: none, if none alone decides.
+        """Search at one point, fill in its result, and return the deciding run.
 
         Returns
         -------
         Ran or None
-            None if the search was stopped.
+            The deciding run; no rows (n = 0) if no run alone decides. None if the search was stopped.
         """
         order = self.question.order(self.hints.get(point, ()))
         here = self.grid.given(point)
@@ -104,7 +104,7 @@ class Search(Study):
         counts = np.bincount(modes, minlength=len(MODES))
         answer, which = self.question.verdict(modes)
         result["answer"], result["counts"] = answer, counts
-        if which < 0:  # the most frequent mode, and no orbit
+        if which < 0:  # no run stands for the point: it gets the most frequent mode, and no orbit
             result["codes"][0, [CODE_MODE, CODE_STATUS]] = counts.argmax(), OK
             return Ran(rows[:0], self.how, result[:0])
         result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
@@ -112,7 +112,7 @@ class Search(Study):
         return Ran(rows[which : which + 1], self.how, result, given=given)
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
-        """See `Study`: the points are taken from coarse to fine."""
+        """Yield the points from coarse to fine, a batch for each wave, with hints from the waves before."""
         legal = legal_points(self.grid)
         reached = np.zeros(legal.size, dtype=bool)
         for wave in waves(self.grid.shape):
@@ -120,15 +120,17 @@ class Search(Study):
             yield self.led(near, results(), reached, int(legal.sum()))
 
     def cut(self, part: SweepPart) -> Self:
-        """Refuse to be cut, see `Study`: what is tried first at a point depends on its neighbours."""
+        """Refuse to be cut into parts: points of one part would depend on neighbours in another one."""
         raise ParameterError(f"part = {part}: is for sweeps; the points of a search and of a map lead one another")
 
     def led(self, near: Mapping[int, Collection[int]], results: np.ndarray, reached: np.ndarray, wanted: int) -> Batch:
-        """A search at some points, in order, each of which tries first what decided at the points that are `near`.
+        """Return a batch of points, each of which tries first the values that decided at neighbours.
 
-        Each has its own order of trials, from points of earlier batches alone, which are `reached`: others may be known from a
-        search that was stopped, but whoever searches, and whatever was known before, no number changes.
+        `near` has the points, in order, with their neighbours. Hints come from `reached` points alone, those of earlier
+        batches. Other results may be there from a search that was stopped. Since they are not used, the numbers are the
+        same whatever was known.
         """
+        # deciders are counted from 1, as 0 stands for none
         deciders = np.where(reached, results["decider"], 0)
         hints = {
             point: list(dict.fromkeys(int(k) - 1 for k in deciders[list(beside)] if k)) or self.hints.get(point, ())
@@ -139,19 +141,19 @@ class Search(Study):
         return Batch(replace(self, hints=hints), ranges_of(points), wanted)
 
     def stands(self, points: np.ndarray, results: np.ndarray) -> np.ndarray:
-        """See `Study`: points of another cube may have been tried in another order."""
+        """Return True for each result that does not depend on the hints, or was found with hints that decide alike."""
         same = (self.question.stands(result, self.hints[k]) for k, result in zip(points.tolist(), results, strict=True))
         return np.fromiter(same, dtype=bool)
 
     def sample(self, rng: np.random.Generator) -> Sample:
-        """See `Study`: random points, each begun with what decides at a point beside it, as most of them are."""
+        """Return random points, each with a hint from a point beside it, as most points of a search have."""
         self.check_fits()
         legal = legal_points(self.grid)
         numbers = rng.permutation(np.flatnonzero(legal)).tolist()
         return Sample(len(numbers), "random points", ((self._led(k, legal), np.ones(1)) for k in numbers))
 
     def _led(self, point: int, legal: np.ndarray) -> Self:
-        """The search at a point alone, with what decides at a point beside it as its hint."""
+        """Return the search at a point alone, with the deciding value of a point beside it as its hint."""
         beside, hints = point - 1 if point else min(1, legal.size - 1), {}
         if self.question.led and legal[beside]:
             decider = int(in_memory(self.narrowed(np.array([beside]))[0])[0]["decider"][0])
@@ -159,15 +161,18 @@ class Search(Study):
         return replace(self, hints=hints).narrowed(np.array([point]))[0]
 
     def again(self, results: np.ndarray) -> np.ndarray:
-        """See `Study`: those that a failed neighbour may have led are searched again, too."""
+        """Return True for results that failed, and for those whose hints a failed neighbour may have changed."""
         return not_ok(results["codes"]) | ((results["decider"] > 0) & self.question.led)
 
     def regions(self, results: np.ndarray) -> np.ndarray:
-        """Region of each point: the mode asked for where the answer is yes, else the one mode of all runs, or mixed."""
+        """Return the region of each point, codes, shape (n,).
+
+        It is the mode in question where the answer is yes, else the one mode of all runs, or `MIXED`.
+        """
         question, counts = self.question, results["counts"]
         region = np.where(counts.max(axis=1) == question.values.size, counts.argmax(axis=1), MIXED)
         if question.ask != "fraction":
-            # the first may be found and yet not be sure
+            # the first value may be found while the answer is unsure, since an earlier run was left open
             found = (results["decider"] > 0) & (question.ask != "all")
             region[(results["answer"] == A_YES) | found] = question.mode
         unsearched = counts.sum(axis=1) == 0
@@ -175,16 +180,17 @@ class Search(Study):
         return region
 
     def as_cube(self, results: np.ndarray) -> xr.Dataset:
-        """See `Study`; with the answer at each point, open where the search itself failed, and the value that decided it."""
+        """Return the results as a cube, with the answer and the deciding value of each point."""
         shape, dims, counts = self.grid.shape, tuple(self.grid.axes), results["counts"]
         cube = build(self.grid, results["out"], results["codes"])
+        # a search that itself failed at a point leaves the answer open
         failed = ~not_run(results["codes"]) & (results["answer"] == A_NOT_RUN)
         cube["answer"] = variable("answer", dims, np.where(failed, A_UNSURE, results["answer"]).reshape(shape))
         cube["region"] = variable("region", dims, self.regions(results).reshape(shape))
         known = {name: each.variable for name, each in cube.coords.items() if name in PARAMETERS}
         deciders = np.concatenate(([np.nan], self.question.values))[results["decider"]]
         known[self.question.axis] = xr.Variable(dims, deciders.reshape(shape))
-        for name, values in completed(known).items():  # the one that decided, and what is as that one
+        for name, values in completed(known).items():  # the deciding value, and parameters that follow from it
             if name not in cube.coords:
                 cube[name] = variable(name, values.dims, values.values, PARAMETERS[name])
         cube["n_runs"] = variable("n_runs", dims, counts.sum(axis=1).reshape(shape))
@@ -193,7 +199,7 @@ class Search(Study):
         return with_fields(cube, results, self.fields)
 
     def results_of(self, cube: xr.Dataset) -> np.ndarray:
-        """See `Study`; not run where a refined map was not computed."""
+        """Return the results of a cube; points that a refined map did not compute count as not run."""
         results = super().results_of(cube)
         results["counts"] = cube["runs"].values.reshape(results["counts"].shape)
         results["answer"] = np.where(cube["n_runs"].values > 0, cube["answer"].values, A_NOT_RUN).ravel()
@@ -205,12 +211,14 @@ class Search(Study):
 
 
 def waves(shape: tuple[int, ...]) -> Iterator[dict[int, list[int]]]:
-    """Points of a grid from coarse to fine, each with its neighbours in earlier waves, on both sides along every axis.
+    """Yield the points of a grid from coarse to fine, each with its neighbours in earlier waves.
 
-    Points are told by their numbers in C order; every point of the grid comes once, in order within a wave.
+    Points are numbered in C order. Every point comes once, in increasing order within a wave. Neighbours lie on both
+    sides along every axis, at the stride of the wave.
     """
     places = np.indices(shape).reshape(len(shape), -1).T
-    stride = 1 << max(0, (max(shape) - 1).bit_length() - 2)  # one lone point would keep a single thread busy
+    # the first wave has up to four points along the longest axis: one lone point would keep a single thread busy
+    stride = 1 << max(0, (max(shape) - 1).bit_length() - 2)
     taken = np.zeros(len(places), dtype=bool)
     while stride:
         new = np.flatnonzero(~taken & (places % stride == 0).all(axis=1))
@@ -221,6 +229,11 @@ def waves(shape: tuple[int, ...]) -> Iterator[dict[int, list[int]]]:
 
 
 def _neighbours(place: list[int], stride: int, shape: tuple[int, ...]) -> list[int]:
+    """Return the numbers of the points of earlier waves around `place`.
+
+    Along axes on which `place` is no multiple of 2 `stride`, neighbours are `stride` away on both sides; along others
+    they share its place.
+    """
     sides = [
         [k] if k % (2 * stride) == 0 else [k + step for step in (-stride, stride) if 0 <= k + step < n]
         for k, n in zip(place, shape, strict=True)
@@ -243,7 +256,7 @@ def study_of(
     observe_with: Mapping[str, Any] | None = None,
     **how: Any,
 ) -> Search:
-    """Check a search and lay it out, see `search`; `how` is what `run_settings` takes."""
+    """Check a search and return it as a study, see `search`; `how` has the arguments of `run_settings`."""
     if over not in grid:
         raise ParameterError(f"over = {over!r}: must be one of the axes ({', '.join(grid)})")
     if ask not in ASKS:
@@ -278,12 +291,14 @@ def search(
     observe: Any = None,
     **options: Unpack[Given],
 ) -> xr.Dataset:
-    """Ask a question about one axis at every point of the other ones, and stop at each as soon as its answer is certain.
+    """Ask a question about one axis at every point of the other axes, and stop at each point when the answer is
+    certain.
 
-    Points are taken from coarse to fine; each tries the value that decided at its coarser neighbours first, then the
-    others in an order that spreads over the axis. What is recorded depends on neither workers nor their timing.
+    Points are taken from coarse to fine. Each point tries the value that decided at its coarser neighbours first, then
+    the other values in an order that spreads over the axis. The results depend neither on the workers nor on their
+    timing.
 
-    With an `out`, finished points are kept in the file ``<out>.tiles`` as by `sweep`, and the same call goes on there.
+    With an `out`, finished points are kept in the file ``<out>.tiles`` as by `sweep`, and the same call resumes there.
 
     Parameters
     ----------
@@ -295,40 +310,41 @@ def search(
     over : str
         The axis to search.
     ask : str
-        any: does one of its values lead to `mode`; all: does every one; first: which is the least that does; fraction:
-        how many lead to each mode.
+        any: does one of its values lead to `mode`? all: do all values? first: which is the least value that does?
+        fraction: how many values lead to each mode?
     mode : str
-        Such as drift or rest.
+        Mode in question, such as drift or rest.
     periods : int
-        Forcing periods each run may take; a run stops when its motion has settled and its numbers stand.
+        Longest run in forcing periods; a run stops when its motion has settled and its numbers stand.
     max_periods : int, optional
         As in `sweep`.
     rtol : float
         Accuracy [1], 1e-13 to 1e-2.
     orbit_periods : int
-        If not 0, the deciding run is made once more for that many forcing periods, and its orbit recorded at their
-        end: speed and angle of an orbit settle more slowly than the normal motion that the mode depends on.
+        If not 0, the deciding run is repeated for that many forcing periods, and its orbit is recorded at their end.
+        Speed and angle of an orbit settle more slowly than the normal motion, on which the mode depends.
     paths : mapping of str to int, optional
-        ``{"periods": ..., "per_period": ...}``: the path of the centre of mass of each deciding run that drifts is kept,
-        for so many forcing periods, with so many positions in each (8 by default).
+        ``{"periods": ..., "per_period": ...}``: keep the path of the centre of mass of each deciding run that drifts,
+        for `periods` forcing periods, with `per_period` positions in each (8 by default).
     observe : callable or str, optional
-        As in `sweep`: it looks at the deciding runs; with `orbit_periods` at these as they were made once more.
+        Observer of the deciding runs, as in `sweep`; with `orbit_periods` of their longer repetitions.
     out, workers, progress, force, attrs, client, fail_fast, keep_tiles
         As in `sweep`; `out` is a NetCDF file.
     extend : path-like, optional
-        A cube of `search` or `refine` whose points are taken over where this grid has them, value by value; same
-        question to the same values of `over`, same settings, same kernel. With any and all, a point whose trials began
-        with another answer of a neighbour is searched again, mostly in one run, so that the cube is as without `extend`.
+        A cube of `search` or `refine` whose points are taken over where this grid has them, value by value. Question,
+        values of `over`, settings and kernel must be the same. With any and all, a point whose neighbours give another
+        first trial is searched again, mostly in one run, so that the cube is the same as without `extend`.
     retry : bool
-        Whether points of `out` (or `extend`) that failed are searched again, and those that they may have led astray.
+        If True, points of `out` (or `extend`) that failed are searched again, and points whose first trial they may
+        have set.
 
     Returns
     -------
     xarray.Dataset
         Over the axes other than `over`: `answer` (no, yes or unsure), the value of `over` that decided, the number of
-        runs it took, their modes (`runs`), `region`, and mode, status and orbit of the deciding run. With `paths`: `x`
-        and `y` over a new dimension `cycle`, the time in forcing periods, and `axial_velocity`, the mean velocity along
-        the axis in the last period; NaN where there is no run that drifts.
+        runs, their modes (`runs`), `region`, and mode, status and orbit of the deciding run. With `paths`: `x` and `y`
+        over a new dimension `cycle`, the time in forcing periods, and `axial_velocity`, the mean velocity along the
+        axis in the last period; NaN where no run drifts.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How far a sweep has come, read from its files while it runs or after it was stopped."""
+"""Read from its files how far a sweep has come, while it runs or after it was stopped."""
 
 import os
 from collections import Counter
@@ -14,7 +14,7 @@ from dimersweep.work.progress import clock
 
 
 def status(path: Path) -> dict[str, Any]:
-    """What is done of the sweep for the cube `path`; nothing is changed.
+    """Return how far the sweep for the cube `path` has come; no file is changed.
 
     Parameters
     ----------
@@ -24,8 +24,10 @@ def status(path: Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        `cube`; `written`, whether it is there; how much is `done` in words, and as a `share`; the finished points by `modes`;
-        while there is a store: the time of the `last_tile`, the `damaged` store, and who is `at_work`, empty without one.
+        `cube`: its path; `written`: True if the cube exists; `done`: finished points in words; `share`: the same [1];
+        `modes`: number of finished points of each mode. While there is a store also `last_tile`: time of the last tile;
+        `damaged`: path of the store if it is damaged; `at_work`: the process that holds its lock. Each is "" if there
+        is none.
 
     Raises
     ------
@@ -46,6 +48,7 @@ def status(path: Path) -> dict[str, Any]:
 
 
 def _of_tiles(store: Store) -> dict[str, Any]:
+    """Return the items of `status` that are read from a store of tiles."""
     tally: Counter[str] = Counter()
     last, unreadable, wanted = "", 0, store.about["wanted"]
     for row in store.summaries():
@@ -65,7 +68,7 @@ def _of_tiles(store: Store) -> dict[str, Any]:
 
 
 def status_lines(told: dict[str, Any]) -> list[str]:
-    """A status in lines of text."""
+    """Return a status, as `status` gives it, in lines of text."""
     lines, modes = [f"{told['cube']}: {told['done']}"], told["modes"]
     if modes:
         lines.append("modes: " + ", ".join(f"{mode} {count}" for mode, count in modes.items()))
@@ -86,5 +89,6 @@ def status_lines(told: dict[str, Any]) -> list[str]:
 
 
 def _ago(time: str) -> str:
+    """Return how long ago `time` (ISO 8601) was, in words; or say that it lies in the future."""
     seconds = (datetime.now(UTC) - datetime.fromisoformat(time)).total_seconds()
     return f"{clock(seconds)} ago" if seconds >= 0 else f"{time}, by a clock that has been set back since"

@@ -1,4 +1,4 @@
-"""A study: points, how each of them is run, what is observed there, and how the results become a cube and back."""
+"""The base of all studies: points, how each of them is run and observed, and how results become a cube and back."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -19,21 +19,23 @@ from dimersweep.storage.provenance import PART
 from dimersweep.studies.observers import Observer, Ran, needs_of
 from dimersweep.work.parts import SweepPart
 
-MOST_PARTS = 200  # that are timed
-MOST_OF_LINE = 20  # values of a line that are timed
+# parts that are timed at most: the standard error is 1/14 of the spread of their times then, and more change little
+MOST_PARTS = 200
+# values of a long line that are timed: a whole line may take as long as the sweep itself
+MOST_OF_LINE = 20
 
 
 class Batch(NamedTuple):
-    """Points that are run together.
+    """Points that are run together, before any point of the next batch.
 
     Attributes
     ----------
     study : Study
-        What is done at them; with the state of a search that goes on.
+        Study that runs the points; for a search, with the hints that earlier batches gave.
     ranges : sequence of Tile
-        They, in order; what is known of them already is not run again.
+        The points, in order. Those with a result are not run again.
     wanted : int
-        How many points are to be run in all, as far as that is known.
+        Number of points that the whole study is expected to run, as far as is known by now.
     """
 
     study: "Study"
@@ -42,16 +44,17 @@ class Batch(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """Parts of a study that are run to see what all of it costs.
+    """Parts of a study that are run to estimate the cost of the whole study.
 
     Attributes
     ----------
     units : int
-        How many such parts make up the study.
+        Number of parts of this kind in the whole study.
     unit : str
-        What they are called.
+        Name of such parts in the plural, for messages.
     parts : iterator
-        Some of them, as studies, each with the share to which each of its points counts: in part, if others need it too.
+        Pairs of a part (a study) and the weights of its points [1], shape (n,). A point on the border of several parts
+        has a weight below 1, as other parts need it too.
     seconds : float
         Time after which no further part is run [s].
     """
@@ -64,18 +67,19 @@ class Sample(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """All that decides the numbers of a cube; this one runs every point once. See `Work`, too.
+    """Everything that decides the numbers of a cube. This class runs every point once; it fulfils `Work`.
 
     Parameters
     ----------
     grid : Grid
-        The points. Where it has the axis `direction`, the state is carried along the last axis, see `with_directions`.
+        The points. If the grid has the axis `direction`, the state is carried along the last axis, see
+        `with_directions`.
     how : RunSettings
-        How long each point is run, and how accurately.
+        Length and accuracy of each run.
     observers : tuple of Observer
-        What is known of each point besides the numbers of its run.
+        Observers, which add variables to the result of each point.
     part : SweepPart, optional
-        The points that are run, where that is not all of them; the others stay without a result.
+        Part of the points to be run; by default all are. Points of other parts stay without a result.
     """
 
     grid: Grid
@@ -83,26 +87,30 @@ class Study:
     observers: tuple[Observer, ...] = ()
     part: SweepPart | None = None
 
-    own_fields: ClassVar[tuple[Field, ...]] = ()  # of a result, that become variables in another way than others do
+    # fields that a kind of study adds to a result; its `as_cube` makes variables of them, not `with_fields`
+    own_fields: ClassVar[tuple[Field, ...]] = ()
 
     @property
     def summary(self) -> str:
-        """What its cube shows, the title unless another one is given."""
+        """Title of the cube, unless a user gives another one."""
         return "sweep of a 3D dimer on a vibrating plate"
 
     @property
     def fields(self) -> tuple[Field, ...]:
-        """What its observers add to the result of a point."""
+        """Fields that the observers add to the result of a point."""
         return tuple(each for observer in self.observers for each in observer.fields)
 
     @property
     def kind(self) -> np.dtype:
-        """Of the result of one point."""
+        """Type of the result of one point: `RESULT` with the fields of this study and of its observers."""
         return kind_with((*self.own_fields, *self.fields))
 
     @property
     def by_blocks(self) -> bool:
-        """Whether the cube may be larger than memory, made block by block: that of a grid with one value a variable."""
+        """True if the cube can be written block by block, and so be larger than memory.
+
+        Each variable must be one number at each point of a grid.
+        """
         one_number = all(each.along is None and "S" not in each.type for each in self.fields)
         return one_number and not (self.own_fields or self.grid.columns)
 
@@ -113,15 +121,15 @@ class Study:
 
     @property
     def line(self) -> int:
-        """See `Work`."""
+        """Number of points that must be run together, in one call: a whole line where a state is carried, else 1."""
         return self.grid.line
 
     def check_fits(self) -> None:
-        """Refuse what memory cannot be expected to hold, see `cubes.grid`."""
+        """Raise a ParameterError if memory cannot hold the points of this study, see `cubes.grid`."""
         check_fits(self.grid, by_blocks=self.by_blocks)
 
     def configuration(self) -> dict[str, Any]:
-        """All that decides the numbers, as JSON can hold it, with the version of the kernel."""
+        """Return all settings that decide the numbers, as JSON can hold them, with the version of the kernel."""
         settings = self.grid.configuration() | self.asked() | {"kernel_version": kernel_version()}
         if self.how.max_periods > self.how.periods:
             settings["max_periods"] = self.how.max_periods
@@ -130,25 +138,32 @@ class Study:
         return settings | ({} if self.part is None else {PART: str(self.part)})
 
     def cut(self, part: SweepPart) -> Self:
-        """Return this study with the points of a part alone; raise a ParameterError if it cannot be cut into so many."""
+        """Return this study with the points of a part alone; refuse more parts than lines (ParameterError)."""
         pieces, unit = self.size // self.line, "points" if self.line == 1 else "lines"
         if part.total > pieces:
             raise ParameterError(f"part = {part}: this sweep has {pieces} {unit}, and so at most {pieces} parts")
         return replace(self, part=part)
 
     def asked(self) -> dict[str, Any]:
-        """The part of a configuration that says what is done at each point."""
+        """Return the settings of the configuration that say what is done at each point."""
         how = self.how
         return {"periods": how.periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
 
     def narrowed(self, points: np.ndarray) -> tuple[Self, np.ndarray]:
-        """See `Work`."""
+        """Return the study on the smallest window of the grid that holds `points`, and their numbers there.
+
+        `points` are increasing.
+        """
         first, last = points[[0, -1]].tolist()
         grid, start = self.grid.window(first, last + 1)
         return replace(self, grid=grid), points - first + start
 
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
-        """See `Work`: until one has used all its periods, so that quick points do not go on for long with slow ones."""
+        """Run `points` in order, fill in `results`, and return the number of points that were run.
+
+        The work ends after a run that has used all its periods: quick points do not wait for slow ones. Lines are run
+        whole.
+        """
         done = 0
         for ran in self._runs(points, results, space):
             if not self.observed(ran, space):
@@ -157,23 +172,24 @@ class Study:
         return done - done % self.line
 
     def check_here(self) -> None:
-        """See `Work`."""
+        """Raise a ParameterError if this process lacks something that an observer takes."""
         for observer in self.observers:
             observer.check_here()
 
     def observed(self, ran: Ran, space: Workspace) -> bool:
-        """Have the observers look at runs; whether they came to their end."""
+        """Show runs to all observers; return False if the work was stopped meanwhile."""
         for observer in self.observers:
             observer.observe(ran, space)
         return not (self.observers and is_stopped(space))
 
     def _runs(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
-        """Run `points`, from the first one on; where a state is carried, in whole lines."""
+        """Run `points` from the first one on, in whole lines where a state is carried; yield the runs."""
         rows = self.grid.rows_at(points)
         has_ways = "direction" in self.grid.axes
         if has_ways or needs_of(self.observers):
             for first in range(0, points.size, self.line):
                 line = slice(first, first + self.line)
+                # results lie by increasing values of the axis; on the way down the run begins at the last of them
                 way = -1 if has_ways and self.grid.values(points[first])["direction"] else 1
                 yield from self._carried(points[line][::way], rows[line][::way], results[line][::way], space)
         else:
@@ -183,7 +199,7 @@ class Study:
             yield Ran(rows[:done], self.how, results[:done])
 
     def _carried(self, points: np.ndarray, rows: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
-        """Run the points of one line, or a point alone, each from the state in which the one before it has ended."""
+        """Run the points of one line, each from the end of the run before it; a line may be a single point."""
         record = "record" in needs_of(self.observers)
         for k, solved in enumerate(carried(rows, self.how, space, record=record)):
             here = slice(k, k + 1)
@@ -192,22 +208,28 @@ class Study:
             yield Ran(rows[here], self.how, results[here], solved, given)
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
-        """What is to be run, one batch after the other; the study of the last one labels all results.
+        """Yield the batches of points to be run, one after the other; the study of the last one labels all results.
 
         Parameters
         ----------
         results : callable
-            Gives those of all points so far, shape (grid.size,); of points of former batches they are there.
+            Returns the results of all points so far, shape (grid.size,). Those of former batches are complete.
         """
         ranges = [Tile(0, self.size)] if self.part is None else self.part.ranges(self.size, self.line)
         yield Batch(self, ranges, sum(stop - start for start, stop in ranges))
 
     def stands(self, points: np.ndarray, results: np.ndarray) -> np.ndarray:
-        """Which results of another cube, all of them run, are those that this study would give at `points`; shapes (n,)."""
+        """Return True for each result that this study would give at `points`, too; shape (n,).
+
+        `results`, shape (n,), are of another cube with the same settings, and were all run.
+        """
         return np.ones(points.size, dtype=bool)
 
     def sample(self, rng: np.random.Generator) -> Sample:
-        """Parts that tell what it costs: random points or lines; of a long line some values stand for all."""
+        """Return parts to estimate the cost from: random points, or random lines.
+
+        Of a line with more than `MOST_OF_LINE` values some, evenly spread, stand for all.
+        """
         short, lines = self, self.size // self.line
         if self.line > MOST_OF_LINE:
             *_, (axis, values) = self.grid.axes.items()
@@ -219,17 +241,20 @@ class Study:
         return Sample(lines, "random points" if self.line == 1 else "random lines", ((part, shares) for part in each))
 
     def again(self, results: np.ndarray) -> np.ndarray:
-        """Which of results, shape (n,), a retry forgets, in whole lines: those that failed, and those that depend on one."""
+        """Return True for each result that a retry deletes: results that failed, and those that depend on one.
+
+        `results` has shape (n,). Lines are deleted whole, as each of their runs starts from the one before it.
+        """
         return np.repeat(not_ok(results["codes"]).reshape(-1, self.line).any(axis=1), self.line)
 
     def as_cube(self, results: np.ndarray) -> xr.Dataset:
-        """Results of all points, shape (grid.size,), as a labelled cube."""
+        """Return the results of all points, shape (grid.size,), as a labelled cube."""
         return with_fields(build(self.grid, results["out"], results["codes"]), results, self.fields)
 
     def template(self) -> xr.Dataset:
-        """The cube of its first point alone, which was not run."""
+        """Return the cube of the first point alone, without a result: it has all variables and attributes."""
         return self.narrowed(np.arange(1))[0].as_cube(blank_results(1, self.kind))
 
     def results_of(self, cube: xr.Dataset) -> np.ndarray:
-        """The results that `as_cube` made a cube of."""
+        """Return the results of all points of a cube that `as_cube` made, shape (grid.size,)."""
         return results_in(cube, self.kind, self.fields)

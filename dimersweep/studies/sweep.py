@@ -1,4 +1,4 @@
-"""Sweeps: every point of a grid, or of a table, run once."""
+"""Sweeps: every point of a grid, or of a table, is run once."""
 
 from collections.abc import Mapping
 from typing import Any, Literal, Unpack
@@ -33,12 +33,12 @@ def study_of(
     observe_with: Mapping[str, Any] | None = None,
     **how: Any,
 ) -> Study:
-    """Check a sweep and lay it out, see `sweep`; `how` is what `run_settings` takes.
+    """Check a sweep and return it as a study, see `sweep`; `how` has the arguments of `run_settings`.
 
     Raises
     ------
     ParameterError
-        Naming what is not allowed.
+        If settings are not allowed, or do not go together.
     """
     if (axes is None) == (points is None):
         raise ParameterError('grid: give either a grid, such as {"f": [15, 20]}, or points')
@@ -50,6 +50,7 @@ def study_of(
         raise ParameterError("certify: is for points that start by themselves, and goes without carry")
     still = (load(OBSERVERS["sustained"], "sustained")(),) if check_switch("sustained", sustained) else ()
     if still:
+        # the plate must be level at all points; an axis is level if its greatest value is
         most = {name: float(np.abs(values).max()) for name, values in (grid.columns or grid.axes).items()}
         check_level(grid.fixed | most, "sustained spins")
     settings, seen = run_settings(**how), (*sure, *strobes_of(strobes, grid.size), *still)
@@ -73,10 +74,10 @@ def sweep(
     observe: Any = None,
     **options: Unpack[Given],
 ) -> xr.Dataset:
-    """Run the dimer at every point of a grid, or at points of a table.
+    """Run the dimer at every point of a grid, or at the points of a table.
 
-    With an `out`, finished points are kept in the file ``<out>.tiles`` beside it until the cube is written: the same call
-    goes on where a former one was stopped or killed, with any number of workers.
+    With an `out`, finished points are kept in the file ``<out>.tiles`` beside it until the cube is written. The same
+    call resumes a sweep that was stopped or killed, with any number of workers.
 
     Parameters
     ----------
@@ -86,13 +87,13 @@ def sweep(
     fixed : mapping of str to float, optional
         Parameters that differ from the paper's base case.
     points : mapping of str to array_like, pandas.DataFrame or xarray.Dataset, optional
-        In place of a grid: columns of one length, one for each parameter that varies, in SI units. The cube then lies along
-        `point`. Random and Latin hypercube sets come from `scipy.stats.qmc`.
+        In place of a grid: columns of one length, one for each parameter that varies, in SI units. The cube then lies
+        along `point`. Random and Latin hypercube sets come from `scipy.stats.qmc`.
     periods : int
-        Forcing periods each point may take.
+        Longest run of a point in forcing periods.
     max_periods : int, optional
-        If given, a point that has not settled is run again for twice as many forcing periods, and so on up to these, so
-        that only what rings down slowly costs more.
+        If given, a point that has not settled is run again for twice as many forcing periods, and so on up to
+        `max_periods`. So only slowly settling motions cost more.
     rtol : float
         Accuracy [1], 1e-13 to 1e-2.
     out : path-like, optional
@@ -101,26 +102,27 @@ def sweep(
     workers : int, optional
         Threads; by default one for each core.
     progress : bool
-        Whether to show finished points, time left and a tally of modes on stderr.
+        If True, show finished points, time left and a tally of modes on stderr.
     stop_when_settled : bool
-        Whether a point stops as soon as its motion has settled and its numbers stand (docs/stopping.md).
+        If True, a run stops as soon as its motion has settled and its numbers stand (docs/stopping.md).
     certify : bool
-        Whether each mode gets a `confidence` and each orbit an `error_estimate`, from two more runs of every point that
-        settles (docs/trust.md).
+        If True, each mode gets a `confidence` and each orbit an `error_estimate`, from two more runs of every point
+        that settles (docs/trust.md).
     strobes : int
-        If above 0, each run goes on for so many forcing periods, and the states at their ends are kept; see `bifurcation`.
+        If above 0, each run goes on for this number of forcing periods, and the states at their starts are kept; see
+        `bifurcation`.
     carry : {"up", "down", "both"}, optional
-        Carry the state on along the last axis of the grid, from its least value to its greatest, from its greatest to its
-        least, or once each way: a run starts from the state, relative to the plate, that the run before it has ended in. The
-        first run of a line starts as its parameters say. The cube then has the dimension `direction`, and `loops` finds
-        where the two part and meet. Lines run in parallel, each of them in one piece.
+        Carry the state on along the last axis of the grid, from its least value to its greatest, from its greatest to
+        its least, or once each way. A run starts from the end of the run before it, as a state relative to the plate.
+        The first run of a line starts as its parameters say. The cube then has the dimension `direction`, and `loops`
+        finds where the two ways part and meet. Lines run in parallel, each of them in one piece.
     sustained : bool
-        Whether the sustained spins of each point are counted, and the circle that it chooses is told (`orbits.sustained`).
+        If True, count the sustained spins of each point, and record the circle that attracts it (`orbits.sustained`).
     observe : callable or str, optional
-        An observer of your own, which `observer` has marked: what it makes of the run of each point stands in the cube
-        (docs/observers.md). Or where it stands, such as ``"my_module:spectral"``.
+        An observer of your own, which `observer` has marked, or its place, such as ``"my_module:spectral"``. The cube
+        has the variables that it returns for the run of each point (docs/observers.md).
     force : bool
-        Whether `out` may replace an existing file, and results of another configuration be deleted.
+        If True, `out` may replace an existing file, and results of another configuration may be deleted.
     attrs : mapping, optional
         Further global attributes, such as a title: names with texts, numbers or lists of numbers.
     client : distributed.Client or str, optional
@@ -128,17 +130,17 @@ def sweep(
     extend : path-like, optional
         A cube whose points are taken over where this grid has them, value by value; same settings, same kernel.
     retry : bool
-        Whether points of `out` (or `extend`) that failed are run again.
+        If True, points of `out` (or `extend`) that failed are run again.
     fail_fast : bool
-        Whether to stop at the first point that fails; what was finished is kept.
+        If True, stop at the first point that fails; finished points are kept.
     keep_tiles : bool
-        Whether the store of finished points stays when the cube is written.
+        If True, the store of finished points stays when the cube is written.
     give_up_after : float or str, optional
-        Time after which a sweep ends to which no worker has given a result [s], or such as ``"30 min"``; it never gives up by
-        default.
+        Longest time without a result of any worker [s], or a text such as ``"30 min"``; then the sweep ends. By default
+        it waits without end.
     part : str or pair of int, optional
-        ``"3/20"``, or ``(3, 20)``: run every 20th tile alone, beginning with the 3rd, and write the cube of these points to
-        `out` with ``.part-3-of-20`` before its ending. `merge` makes one cube of all parts.
+        ``"3/20"``, or ``(3, 20)``: run every 20th tile alone, beginning with the 3rd, and write the cube of these
+        points to `out` with ``.part-3-of-20`` before its ending. `merge` makes one cube of all parts.
 
     Returns
     -------
@@ -151,16 +153,16 @@ def sweep(
     ParameterError
         For a grid, a parameter or a setting that is not allowed, before any work.
     StoreError
-        For an `out` that cannot be written or belongs to another sweep, before any work; or a disk that refuses later.
+        For an `out` that cannot be written or belongs to another sweep, before any work; or for a disk error later.
     PointError
         With `fail_fast`, for the first point that fails.
     KernelError
         If the compiled kernel cannot run here, or on a worker, or gives wrong numbers there.
     UnfinishedError
-        If points could not be run for a reason that is not the model's, such as memory that ran out or a worker that
-        died: they are still to be done, and what was finished is kept.
+        If points could not be run for a reason outside the model, such as no memory or a worker that died. These points
+        are still to be run; finished points are kept.
     Stopped
-        A KeyboardInterrupt, after Ctrl-C or SIGTERM; what was finished is kept.
+        A KeyboardInterrupt, after Ctrl-C or SIGTERM; finished points are kept.
 
     Examples
     --------
@@ -184,18 +186,18 @@ sweep.__signature__ = with_options(sweep)  # type: ignore[attr-defined]
 def bifurcation(
     grid: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *, periods: int, strobes: int = 64, **how: Any
 ) -> xr.Dataset:
-    """A bifurcation diagram: the states at the starts of some forcing periods, after the transients, over any axis.
+    """Make a bifurcation diagram: states at the starts of forcing periods, after the transients, over any axis.
 
     Parameters
     ----------
     grid, fixed
         As in `sweep`.
     periods : int
-        Forcing periods that go before; a run that settles earlier is not followed so far.
+        Longest run before the strobes, in forcing periods; it ends earlier if the motion settles.
     strobes : int
-        Forcing periods whose starts are kept.
+        Number of forcing periods at whose starts states are kept.
     **how
-        As in `sweep`; with ``carry="both"`` the diagram shows hysteresis.
+        Further options, as in `sweep`; with ``carry="both"`` the diagram shows hysteresis.
 
     Returns
     -------
