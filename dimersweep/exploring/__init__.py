@@ -1,1 +1,1 @@
-"""A map to click: a cube's map, sliders for its further axes, and the run behind the point that is clicked."""
+"""A page with a moving dimer, sliders for its parameters, and the map of a cube whose points show their runs."""

@@ -1,4 +1,4 @@
-"""The map of a cube for a page: what may be shown, the cells of the part that is, and the run behind one of them."""
+"""Prepare the map of a cube for a page: its variables, the cells of the part that is shown, and the run of a cell."""
 
 from functools import partial
 from math import prod
@@ -21,13 +21,17 @@ from dimersweep.runs.behind import behind, parameters_of
 from dimersweep.runs.run import Run
 from dimersweep.symbols import is_angle, units_shown
 
-MOST_CELLS = 250_000  # of one map: more would make the page slow
+MOST_CELLS = 250_000  # of one map, 500 x 500: more would make the page slow
+# colours of a variable from its least value to its greatest
 SHADES = np.array([to_hex(color) for color in colormaps["viridis"](np.linspace(0, 1, 256))])
 label_of = partial(label, tex=False)
 
 
 def axes_of(cube: xr.Dataset) -> list[str]:
-    """The parameters that a map of a cube may have along its sides: its axes, or what varies from point to point."""
+    """Return the parameters that a map may have along its sides; raise a ParameterError if there are none.
+
+    These are the axes of a grid with more than one value, or the parameters that vary from point to point.
+    """
     if not isinstance(cube, xr.Dataset) or "mode" not in cube:
         table = f"a table along {', '.join(map(str, cube.sizes))}" if isinstance(cube, xr.Dataset) else ""
         known = table or type(cube).__name__
@@ -35,7 +39,8 @@ def axes_of(cube: xr.Dataset) -> list[str]:
     mode = cube["mode"]
     check_codes(mode)
     points = "point" in mode.dims
-    wide = [str(name) for name in mode.dims if mode.sizes[name] > 1 and name != "direction"]  # that has a slider
+    # direction is left out, since it has a slider
+    wide = [str(name) for name in mode.dims if mode.sizes[name] > 1 and name != "direction"]
     axes = fixed_of(cube)[1] if points else wide
     if not axes or not mode.size:
         raise ParameterError("explore: needs a cube over at least one axis of more than one value")
@@ -45,7 +50,10 @@ def axes_of(cube: xr.Dataset) -> list[str]:
 
 
 class CubeMap:
-    """A cube as a page asks for it; one that has no map is refused by a `ParameterError`, as is what a page asks in vain."""
+    """The map of a cube, in parts that a page asks for.
+
+    A `ParameterError` refuses a cube without a map, and a request for a part or a variable that does not exist.
+    """
 
     def __init__(self, cube: xr.Dataset) -> None:
         self.axes, self.cube, self.mode = axes_of(cube), cube, cube["mode"]
@@ -57,7 +65,7 @@ class CubeMap:
         self.colors, self.labels = [*MODE_COLORS.values()], [MODE_LABELS[word] for word in MODES]
 
     def told(self) -> dict[str, Any]:
-        """What a page needs to ask for a part: axes, values of the others, and what may be shown."""
+        """Return the description of the map for a page: its axes, the values of the other axes, and its variables."""
         values = {name: self.cube[name] for name in self.fixed}
         words = {
             name: names(each).values.tolist()
@@ -75,7 +83,11 @@ class CubeMap:
         }
 
     def part(self, asked: dict[str, str]) -> dict[str, Any]:
-        """The cells of the part at places along `fixed` axes: where they lie, their colours, and what is said of each."""
+        """Return the cells of a part of the map: their places, modes, values and colours (hex).
+
+        `asked` has the place along each of the `fixed` axes, the variable `shown`, and for single points the parameters
+        `right` and `up`.
+        """
         shown = one_of("shown", asked.get("shown", "mode"), self.shown)
         fixed = {name: place_of(name, asked.get(name, "0"), self.mode.sizes[name]) for name in self.fixed}
         x, y = self.axes[-1], self.axes[-2] if len(self.axes) > 1 else ""
@@ -99,6 +111,7 @@ class CubeMap:
         whole = self.cube[shown].values
         finite = whole[np.isfinite(whole)]
         low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
+        # the scale is that of the whole cube, so that colours mean the same in each part
         share = (values - low) / ((high - low) or 1.0)
         told["colors"] = np.where(
             np.isfinite(share), SHADES[np.nan_to_num(255 * np.clip(share, 0, 1)).astype(int)], ""
@@ -106,7 +119,7 @@ class CubeMap:
         told["values"] = [f"{value:.6g}" if np.isfinite(value) else "none" for value in values]
         units = units_shown(self.cube[shown].attrs.get("units", "1"))
         told["bar"] = {"ends": [f"{low:.4g}", f"{high:.4g}"], "label": with_units(shown.replace("_", " "), units)}
-        told["bar"]["shades"] = SHADES[::51].tolist()
+        told["bar"]["shades"] = SHADES[::51].tolist()  # 255 / 51: six shades from end to end
         return told
 
     def parameters_at(self, point: xr.Dataset) -> dict[str, float]:
@@ -114,7 +127,8 @@ class CubeMap:
         return parameters_of(point)
 
     def _held(self, part: xr.Dataset, dims: list[str]) -> dict[str, str]:
-        """Return the parameters that all points of a part share, as they are shown: only a run with these lies on the map."""
+        """Return the parameters that all points of a part share, as texts: only runs with these lie on the map."""
+        # points at opposite ends of all axes differ in every parameter that varies along an axis
         places = {0, -1}
         if self.points:
             places = {int(end(part[name].values)) for name in self.axes for end in (np.argmin, np.argmax)}
@@ -124,7 +138,10 @@ class CubeMap:
         }
 
     def run(self, at: str) -> tuple[Run, dict[str, Any]]:
-        """The run behind a point, given by its places along the dimensions of the cube, and how to make it again."""
+        """Return the run behind a point, and the settings to repeat it.
+
+        `at` has its places along the dimensions of the cube, separated by commas.
+        """
         places = at.split(",")
         if len(places) != len(self.dims):
             raise ParameterError(f"at = {at}: must have a place along each of {', '.join(self.dims)}")
@@ -136,7 +153,7 @@ class CubeMap:
 
 
 def map_of(data: xr.Dataset) -> CubeMap:
-    """The map of a cube, or of a table of borders or branches."""
+    """Return the map of a cube, or of a table of borders or branches."""
     for mark, place in MAPS.items():
         if isinstance(data, xr.Dataset) and mark in data:
             map_: CubeMap = load(place, "explore")(data)
@@ -145,12 +162,14 @@ def map_of(data: xr.Dataset) -> CubeMap:
 
 
 def one_of(name: str, word: str, words: list[str]) -> str:
+    """Return `word` if it is one of `words`, else raise a ParameterError."""
     if word not in words:
         raise ParameterError(f"{name} = {word}: must be one of {', '.join(words)}")
     return word
 
 
 def place_of(name: str, text: str, n: int) -> int:
+    """Return the index in `text`; raise a ParameterError if it is none of 0 to n - 1."""
     if not (text.isdecimal() and int(text) < n):
         raise ParameterError(f"{name} = {text}: must be a place from 0 to {n - 1}")
     return int(text)

@@ -1,4 +1,4 @@
-"""The page with the moving dimer: what it is built of, and what it is answered when it asks for a run or a part of the map."""
+"""The page with the moving dimer: its text, and its answers to requests for a run or a part of the map."""
 
 from pathlib import Path
 from typing import Any
@@ -13,13 +13,14 @@ from dimersweep.plots.view import USUAL_SPEED, as_shown, filled, seen, stretch_o
 from dimersweep.runs.simulating import simulate
 from dimersweep.symbols import BASE, GIVEN, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, symbol, units_of
 
-SECONDS = 10.0  # at most, of a run that a page waits for
+SECONDS = 10.0  # longest run that a page waits for
 SETTINGS_SHOWN = {
     "periods": (200, "forcing periods at most: the run ends when it has settled"),
     "rtol": (1e-8, "accuracy"),
 }
-SHOWN_STRETCH = {"shown": "end", "stretch": "6"}  # what a page shows of a run, and so many forcing periods of it
-SLIDERS = {  # least and greatest value and step, in the unit that is shown
+SHOWN_STRETCH = {"shown": "end", "stretch": "6"}  # part of a run that is shown at first: its last 6 forcing periods
+# least value, greatest value and step of each slider, in the unit that is shown
+SLIDERS = {
     "Gamma": (0, 3, 0.01),
     "A_z": (0, 4, 0.01),
     "f": (5, 60, 0.1),
@@ -34,7 +35,7 @@ CONTROLS = Path(__file__).with_name("explore.html")
 
 
 def _field(name: str) -> dict[str, Any]:
-    """Return what a page needs for the field of a parameter, or of what is given in its place."""
+    """Return the description of the field of a parameter, or of a quantity that may stand in its place."""
     value = BASE.get(name, LEFT_OUT.get(name, ""))
     usual = as_shown(name, value) if isinstance(value, float) else value and f"= {symbol(value)}"
     told = {"name": name, "label": symbol(name), "unit": units_of(name), "says": GIVEN[name].long_name}
@@ -43,13 +44,13 @@ def _field(name: str) -> dict[str, Any]:
 
 
 class LivePage:
-    """A page of one dimer, and of a cube if there is one; it raises a `UserError` where what is asked for cannot be."""
+    """A page for one dimer, with the map of a cube if there is one; raises a `UserError` for bad requests."""
 
     def __init__(self, cube: xr.Dataset | None = None) -> None:
         self.map = None if cube is None else map_of(cube)
 
     def html(self) -> str:
-        """All of it, which asks for `run` and for parts of the map where it came from."""
+        """Return the page as HTML; it sends its requests to the address where it came from."""
         settings = [
             {"name": name, "label": name, "unit": "", "says": says, "base": f"{usual:g}", "usual": f"{usual:g}"}
             for name, (usual, says) in SETTINGS_SHOWN.items()
@@ -64,7 +65,7 @@ class LivePage:
         return filled(told, "dimersweep explore", CONTROLS.read_text(encoding="utf-8"))
 
     def run(self, asked: dict[str, str]) -> dict[str, Any]:
-        """Return what a page draws of a run, see `seen`: of what its fields say, or `at` a point of the cube in their place.
+        """Return the drawing of a run, see `seen`: of the fields of the page, or of the point `at` of the cube.
 
         Raise a ParameterError with a line for each field at fault.
         """
@@ -91,7 +92,7 @@ class LivePage:
 
 
 def _read(fields: dict[str, str]) -> dict[str, Any]:
-    """The values that fields say, checked one by one and together."""
+    """Return the values of the fields, checked one by one and together; raise a ParameterError with all faults."""
     values, wrong = {}, []
     for name, text in fields.items():
         try:
@@ -112,7 +113,7 @@ def _read(fields: dict[str, str]) -> dict[str, Any]:
 
 
 def _value(name: str, text: str) -> Any:
-    """The value that a field says; a number without a unit has that of the field."""
+    """Return the value of a field; a number without a unit has the unit of the field."""
     if name == "shown":
         return one_of(name, text, ["start", "end"])
     if name == "rtol":

@@ -1,4 +1,4 @@
-"""The page with the moving dimer, and the map of a cube beside it, for browsers on this machine."""
+"""Serve the page with the moving dimer to browsers on this machine."""
 
 import json
 import re
@@ -20,17 +20,17 @@ from dimersweep.plots.view import IFRAME
 
 HERE = "127.0.0.1"
 OWN_HOSTS = (HERE, "localhost", "[::1]")
-ELSEWHERE = Path(__file__).with_name("elsewhere.html")  # what a page says that is asked for by another name
-USUAL_PORT = 8470  # so that an address is good again the next time, if nothing else has the port
+ELSEWHERE = Path(__file__).with_name("elsewhere.html")  # answer to a request that names another host
+USUAL_PORT = 8470  # the same each time, so that an address stays good if nothing else has taken the port
 
 
 class Explorer:
-    """The page of one dimer, and of a cube if there is one, which is served to this machine until it is closed.
+    """A server of the page of one dimer, and of a cube if there is one, for this machine until it is closed.
 
     Attributes
     ----------
     address : str
-        Of the page.
+        Address of the page (URL).
     """
 
     def __init__(self, cube: xr.Dataset | None = None, port: int | None = None) -> None:
@@ -45,17 +45,17 @@ class Explorer:
         return IFRAME.format(f'src="{self.address}" allow="clipboard-write"')
 
     def wait(self) -> None:
-        """Return when it is closed."""
+        """Wait until the server is closed."""
         self._thread.join()
 
     def close(self) -> None:
-        """End it, and give the port back."""
+        """Close the server and its port."""
         self._server.shutdown()
         self._server.server_close()
 
 
 def _warm_up(page: LivePage) -> None:
-    """Load or compile the kernel while the page opens; what is wrong with it is told to the first who asks for a run."""
+    """Load or compile the kernel while the page opens; an error is reported by the first request for a run."""
     with suppress(Exception):
         page.run({"periods": "20"})
 
@@ -64,12 +64,15 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        if not isinstance(sys.exception(), ConnectionError):  # as when a page is closed while it is answered
+        if not isinstance(sys.exception(), ConnectionError):  # raised when a page is closed during an answer
             super().handle_error(request, client_address)
 
 
 def _listen(port: int | None, answer: Any) -> _Server:
-    """A server on a port; on the usual one, or any that is free, if none is given; a `StoreError` if it is taken."""
+    """Return a server on a port; raise a `StoreError` if the port is in use.
+
+    Without a port, the usual one is taken, or any free one.
+    """
     for each in (USUAL_PORT, 0) if port is None else (port,):
         try:
             return _Server((HERE, each), answer)
@@ -79,8 +82,8 @@ def _listen(port: int | None, answer: Any) -> _Server:
 
 
 class _Answer(BaseHTTPRequestHandler):
-    protocol_version = "HTTP/1.1"  # one connection for all that a page asks
-    wbufsize = -1  # an answer in one piece
+    protocol_version = "HTTP/1.1"  # keeps one connection for all requests of a page
+    wbufsize = -1  # buffers the header and the body, to send them in one piece
 
     def __init__(self, page: LivePage, *rest: Any) -> None:
         self.page = page
@@ -92,7 +95,7 @@ class _Answer(BaseHTTPRequestHandler):
         path, _, query = self.path.partition("?")
         ways = {"/run": self.page.run} | ({"/map": self.page.map.part} if self.page.map else {})
         host = self.headers.get("Host", "")
-        # a page of another site, whose name was made to lead here, has its own name as the host
+        # a page of another site, whose name was made to lead to this machine, sends that name as the host
         if re.sub(r":\d*$", "", host).lower() not in OWN_HOSTS:
             words = {"host": escape(one_line(host)), "port": self.connection.getsockname()[1]}
             self._send(403, "text/html", ELSEWHERE.read_text(encoding="utf-8").format(**words))
@@ -106,7 +109,7 @@ class _Answer(BaseHTTPRequestHandler):
     do_HEAD = do_GET
 
     def _refuse(self) -> None:
-        """Refuse another method, and close: what it sends is not read."""
+        """Refuse another method, and close the connection, since the body of the request is not read."""
         self._send(405, "text/plain", f"{self.command}: must be GET or HEAD\n", Allow="GET, HEAD", Connection="close")
 
     do_POST = do_PUT = do_PATCH = do_DELETE = do_OPTIONS = do_TRACE = do_CONNECT = _refuse
@@ -123,7 +126,7 @@ class _Answer(BaseHTTPRequestHandler):
 
 
 def _as_json(way: Any, asked: dict[str, str]) -> str:
-    """What is answered, or the line on what is wrong with what was asked."""
+    """Return the answer of `way` to a request as JSON, or the error message of a bad request."""
     try:
         return json.dumps(way(asked))
     except UserError as error:
@@ -131,17 +134,18 @@ def _as_json(way: Any, asked: dict[str, str]) -> str:
 
 
 def explore(cube: xr.Dataset | None = None) -> Explorer:
-    """The moving dimer, in a notebook: sliders for its parameters, and beside it the map of a cube to click.
+    """Show the moving dimer in a notebook: sliders for its parameters, and beside it the map of a cube to click.
 
     Parameters
     ----------
     cube : xarray.Dataset, optional
-        Of `sweep`, `search` or `refine`.
+        Cube of `sweep`, `search` or `refine`.
 
     Returns
     -------
     Explorer
-        What a notebook on this machine shows; any browser here shows its `address`. It ends with its `close()`, or with Python.
+        Server of the page. A notebook on this machine shows it, and so does any browser at its `address`. It ends with
+        its `close()`, or with Python.
 
     Raises
     ------
