@@ -1,4 +1,4 @@
-"""The command line: its commands, and what becomes of errors; heavy imports wait inside the commands."""
+"""The command line: its commands, and how errors are shown. Heavy imports wait inside the commands."""
 
 import os
 import re
@@ -19,11 +19,11 @@ from dimersweep.errors import UserError, unknown
 from dimersweep.extensions import COMMANDS, is_installed, load
 from dimersweep.extensions import EXAMPLES as MORE_EXAMPLES
 
-INTERRUPTED = 130  # what a shell expects of a program that Ctrl-C has stopped
+INTERRUPTED = 130  # exit code that shells expect after Ctrl-C: 128 + SIGINT (2)
 
 
 class _Plain:
-    """Of a command or a group of them: its flags are shown without a type."""
+    """A command or a group of commands whose flags are shown without a type."""
 
     def get_params(self, context: Any) -> Any:
         params = super().get_params(context)  # type: ignore[misc]
@@ -66,7 +66,7 @@ EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
 
 
 def _all_commands() -> dict[Callable[..., None], tuple[str, ...]]:
-    """Return each command with its examples: those of the engine, and those that the analysis adds where it is installed."""
+    """Return each command with its examples: those of the engine, and those of the analysis where it is installed."""
     if not is_installed():
         return EXAMPLES
     examples = load(MORE_EXAMPLES, "commands")
@@ -96,13 +96,15 @@ def _top(
 
 
 def _fail(message: str) -> None:
-    typed = re.sub(r"\b([a-z_]+)=True\b", lambda found: "--" + found[1].replace("_", "-"), message)  # as an option
+    """Print an error in one line, and exit with code 2."""
+    # messages name an argument of Python, such as keep_tiles=True; here it is an option
+    typed = re.sub(r"\b([a-z_]+)=True\b", lambda found: "--" + found[1].replace("_", "-"), message)
     print(f"dimersweep: error: {typed}", file=sys.stderr)
     sys.exit(2)
 
 
 def _unknown_option(error: Any) -> str:
-    """What to say of an option that a command does not have, with those near it; nothing of any other error."""
+    """Return the message for an option that a command does not have, with similar options; "" for other errors."""
     if not (hasattr(error, "option_name") and hasattr(error, "possibilities")):
         return ""
     there = [option for each in error.ctx.command.get_params(error.ctx) for option in each.opts if option[:2] == "--"]
@@ -110,9 +112,9 @@ def _unknown_option(error: Any) -> str:
 
 
 def _refused(error: OSError) -> str:
-    """What to say of a file that the system refuses; one without a name is what is printed to."""
+    """Return the message for a file that the system refuses; a file without a name is standard output."""
     if error.filename is None:
-        with suppress(OSError, ValueError):  # what is left to print would fail again as Python ends
+        with suppress(OSError, ValueError):  # Python flushes at its end, which would fail again
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     name = "what is printed" if error.filename is None else error.filename
     return f"{name}: {error.strerror or error}"
@@ -123,13 +125,13 @@ def _warn(message: Warning | str, *others: Any, **more: Any) -> None:
 
 
 def main() -> None:
-    """Entry point: an error that the user can mend is shown in one line, with exit code 2."""
+    """Run the command line; an error that the user can mend is shown in one line, with exit code 2."""
     import warnings
 
     warnings.showwarning = _warn
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, TextIOWrapper):  # neither closed nor replaced
-            stream.reconfigure(errors="backslashreplace")  # letters that the terminal does not have
+        if isinstance(stream, TextIOWrapper):  # a stream that was closed or replaced is left alone
+            stream.reconfigure(errors="backslashreplace")  # a terminal may not have all letters
     try:
         code = app(prog_name="dimersweep", standalone_mode=False)
     except UserError as error:
@@ -139,9 +141,9 @@ def main() -> None:
     except OSError as error:
         _fail(_refused(error))
     except Exception as error:
-        if not hasattr(error, "format_message"):  # of a usage error; its class moved between versions of typer
+        if not hasattr(error, "format_message"):  # marks a usage error, whose class moved between versions of typer
             raise
         _fail(_unknown_option(error) or " ".join(error.format_message().split()))
-    if code == INTERRUPTED:  # before a command began
+    if code == INTERRUPTED:  # Ctrl-C came before a command began
         print("dimersweep: interrupted: nothing was written", file=sys.stderr)
         os._exit(INTERRUPTED)  # threads may be inside compiled code, which Ctrl-C does not reach

@@ -1,4 +1,4 @@
-"""The commands for the picture of a cube and for the page to play with, and what every command prints of its cube."""
+"""The commands that draw a cube and serve the page, and functions with which commands keep and print their results."""
 
 import warnings
 from collections import Counter
@@ -14,8 +14,9 @@ from dimersweep.cli.printing import Printer, telling
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.symbols import ORBIT_NAMES, PARAMETERS, PICTURE_KINDS, QUANTITIES, given
 
-PICTURE_MARK = "dimersweep cube, configuration sha256 "  # in a picture, before that of the cube it was drawn from
-LAST_PORT = 65535
+# mark in the metadata of a picture, followed by the checksum of the cube that is drawn
+PICTURE_MARK = "dimersweep cube, configuration sha256 "
+LAST_PORT = 65535  # ports are numbers of 16 bits
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 def check_files(
     out: Path | None, plot: Path | None, *, force: bool, what: str = "a table", endings: tuple[str, ...] = ()
 ) -> None:
-    """Refuse files that could not be written; without `endings` those of a table are."""
+    """Refuse a table or a picture that could not be written; `endings` are those allowed, by default of tables."""
     from dimersweep.plots import check_picture
     from dimersweep.storage.outputs import TABLES, check_output
 
@@ -38,7 +39,7 @@ def check_files(
 
 
 def keep(tell: Printer, made: Any, out: Path | None, plot: Path | None, *, force: bool, noun: str = "table") -> None:
-    """Write a table, or what saves itself, and its picture, where they were asked for."""
+    """Write a table (or an object that saves itself) to `out` and its picture to `plot`, if these are not None."""
     from dimersweep.plots import write_picture
 
     made = getattr(made, "dimersweep", made)
@@ -86,7 +87,7 @@ def plot(
     if not cube.name:
         raise typer.BadParameter(f"{str(cube)!r}: is no cube")
     if out is not None:
-        check_picture(out, force=True)  # whether it is a picture, before a large cube is read
+        check_picture(out, force=True)  # first: a wrong ending is refused before a large cube is read
     opened = open_result(cube)
     if quantity is not None and quantity not in opened:
         raise ParameterError(f"quantity: {unknown(quantity, 'variable of the cube', map(str, opened.data_vars))}")
@@ -136,7 +137,7 @@ def explore(
 
 
 def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
-    """`cube` at the value of an axis that is nearest to the one in `text`, such as f=15."""
+    """Return `cube` at the value of an axis nearest to the value in `text`, such as f=15."""
     from dimersweep.cubes.findings import nearest
 
     name, _, value = text.partition("=")
@@ -149,7 +150,7 @@ def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
 def draw_beside(
     tell: Printer, cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None
 ) -> None:
-    """Draw `cube` to a file that may be replaced, marked with what it was drawn from, and print its path."""
+    """Draw `cube` to a file that may be replaced, marked with the checksum of the cube, and print its path."""
     from dimersweep.plots import write_picture
 
     marked = {"Keywords": PICTURE_MARK + cube.attrs.get("configuration_sha256", "none")}
@@ -158,7 +159,7 @@ def draw_beside(
 
 
 def draw_if_it_can(tell: Printer, cube: "xr.Dataset", picture: Path, *, force: bool) -> None:
-    """Draw a cube that was just written: a picture that fails gives a warning, and the command still succeeds."""
+    """Draw a cube that was just written; if that fails, warn, and let the command succeed."""
     try:
         check_picture_of(cube.attrs["configuration_sha256"], picture, force=force)
         draw_beside(tell, cube, picture)
@@ -167,7 +168,7 @@ def draw_if_it_can(tell: Printer, cube: "xr.Dataset", picture: Path, *, force: b
 
 
 def check_kind(declared: "Declaration", study: "Study") -> None:
-    """Refuse a declared kind of picture that the cube of `study` will not fit.
+    """Refuse a declared kind of picture that does not fit the cube of `study`.
 
     Raises
     ------
@@ -187,7 +188,9 @@ def check_kind(declared: "Declaration", study: "Study") -> None:
 
 
 def check_picture_of(configuration_sha256: str, picture: Path, *, force: bool) -> None:
-    """Refuse to replace a picture, unless it was drawn from a cube of this configuration: then nothing is lost.
+    """Refuse to replace a picture, unless it was drawn from a cube of this configuration.
+
+    Such a picture can be drawn again from the new cube.
 
     Raises
     ------
@@ -195,28 +198,29 @@ def check_picture_of(configuration_sha256: str, picture: Path, *, force: bool) -
     """
     from dimersweep.storage.outputs import check_output
 
-    check_output(picture, force=True, name="picture", endings=None)  # to look into a device might take for ever
+    check_output(picture, force=True, name="picture", endings=None)  # first: reading a device might never end
     ours = _mark_in(picture) == PICTURE_MARK + configuration_sha256
     check_output(picture, force=force or ours, name="picture", endings=None)
 
 
 def _mark_in(picture: Path) -> str | None:
+    """Return the mark of a picture; None if there is no picture, or it has no mark."""
     from PIL import Image
 
     try:
         with Image.open(picture) as image:
             return image.info.get("Keywords")
-    except OSError:  # there is none, or no picture
+    except OSError:  # no such file, or a file that is no picture
         return None
 
 
 def print_cube(tell: Printer, cube: "xr.Dataset") -> None:
-    """The tally of modes, or of a search's answers and runs; for segments, the length of each row."""
+    """Print the tally of modes, or of the answers and runs of a search; for segments, the length of each row."""
     from dimersweep.cubes.cube import names
     from dimersweep.cubes.findings import drift_lengths, search_summary
     from dimersweep.storage.cubefiles import modes_in
 
-    if "observer_error" in cube:  # of one's own
+    if "observer_error" in cube:  # an observer of a user's own may have failed
         errors = Counter(text for text in cube["observer_error"].values.ravel().tolist() if text)
         tell(
             *(f"status observer {count}: {text}" for text, count in errors.most_common()), observer_errors=dict(errors)
@@ -243,7 +247,7 @@ def print_cube(tell: Printer, cube: "xr.Dataset") -> None:
 
 
 def _print_loops(tell: Printer, cube: "xr.Dataset") -> None:
-    """Where going up and going down lead to different motions, a line for each loop."""
+    """Print the ends of each loop, between which the ways up and down lead to different motions."""
     from dimersweep.studies.loops import loops
 
     found = loops(cube)
@@ -259,6 +263,6 @@ def _print_loops(tell: Printer, cube: "xr.Dataset") -> None:
 
 
 def _end(loop: "xr.Dataset", which: str) -> str:
-    """One end of a loop, with the step that it lies in, such as 0.785 ± 0.005."""
+    """Return one end of a loop as a text, with half the step in which it lies, such as 0.785 ± 0.005."""
     value = loop[which].item()
     return f"{value:.6g} ± {loop[f'{which}_error'].item():.2g}" if isfinite(value) else "beyond the axis"

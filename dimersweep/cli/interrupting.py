@@ -1,4 +1,4 @@
-"""What Ctrl-C and SIGTERM do to a command that writes: one line says what is kept, and how to go on."""
+"""End a command on Ctrl-C or SIGTERM with one line: the files that are kept, and how to resume."""
 
 import os
 import signal
@@ -12,7 +12,7 @@ from dimersweep.errors import Stopped
 
 AGAIN = "run the same again with --force for the rest"
 
-Stamp = tuple[int, int] | None  # of a file, to see whether it was replaced; None if there is none
+Stamp = tuple[int, int] | None  # inode and time of change [ns] of a file, which show that it was replaced; None without
 
 
 @contextmanager
@@ -22,11 +22,11 @@ def interruptible(*outputs: Path | None, parts: Path | None = None, again: str =
     Parameters
     ----------
     *outputs : Path, optional
-        What is to be written.
+        Files that the command writes.
     parts : Path, optional
-        The store of finished parts, from which the same command goes on.
+        Store of finished points, from which the same command resumes.
     again : str
-        How to go on if some of the outputs are written.
+        Advice for the user if only some of the outputs are written.
     """
     before = {path: _stamp(path) for path in outputs if path is not None}
 
@@ -44,6 +44,7 @@ def interruptible(*outputs: Path | None, parts: Path | None = None, again: str =
 
 
 def _stamp(path: Path) -> Stamp:
+    """Return the inode and the time of change [ns] of a file; None if there is no file."""
     try:
         found = path.stat()
     except OSError:
@@ -52,7 +53,7 @@ def _stamp(path: Path) -> Stamp:
 
 
 def _kept(before: Mapping[Path, Stamp], parts: Path | None, again: str) -> str:
-    """What a stop leaves of the outputs, whose stamps were those `before`."""
+    """Return the message on the outputs that were written before the stop; `before` are their stamps at the start."""
     written = [str(path) for path, stamp in before.items() if _stamp(path) not in (None, stamp)]
     rest = [str(path) for path in before if str(path) not in written]
     if written:

@@ -1,4 +1,4 @@
-"""The commands for numbers of the motion that a start leads to: exponents and power."""
+"""The commands for exponents and power of the motion that a start leads to."""
 
 from typing import Annotated, Any
 

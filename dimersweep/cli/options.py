@@ -1,4 +1,4 @@
-"""Options that several commands take, and the checking of what is typed for them."""
+"""Options that several commands share, and the checking of their texts."""
 
 import inspect
 import sys
@@ -19,23 +19,24 @@ OUTPUT, RUN = "Output", "Run"  # groups of options, beside those of `_group_of`
 
 
 def argument(name: str, meaning: str, words: Callable[[], Iterable[str]] | None = None) -> Any:
-    """What a command is given by its place; a shell completes it to one of `words`."""
+    """Return a positional argument of a command; shells complete it to one of `words`."""
     return typer.Argument(metavar=name, help=meaning, autocompletion=words and _completed(words))
 
 
 def option(
     meaning: str, *names: str, group: str = RUN, words: Callable[[], Iterable[str]] | None = None, **how: Any
 ) -> Any:
-    """An option, by default of the name of its parameter; a shell completes it to one of `words`."""
+    """Return an option of a command, by default named as its parameter; shells complete it to one of `words`."""
     return typer.Option(*names, help=meaning, rich_help_panel=group, autocompletion=words and _completed(words), **how)
 
 
 def _completed(words: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
+    """Return a function that completes a text to those of `words` that begin with it."""
     return lambda incomplete: [word for word in words() if word.startswith(incomplete)]
 
 
 def number_option(meaning: str, kind: type = float) -> Any:
-    """An option that takes a number, or a whole number where `kind` is int."""
+    """Return an option that takes a number, or a whole number if `kind` is int."""
     word, metavar = ("whole number", "COUNT") if kind is int else ("number", "NUMBER")
 
     def read(text: Any) -> Any:
@@ -58,12 +59,15 @@ Accuracy = Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")]
 
 
 def typed(parameters: dict[str, Any]) -> dict[str, Any]:
-    """Return the parameters that were typed, of the options that `with_parameters` gives."""
+    """Return those of the parameters of `with_parameters` that were typed."""
     return {name: value for name, value in parameters.items() if value is not None}
 
 
 def parted(text: str, count: int, also: tuple[str, ...] = ()) -> tuple[str, Any]:
-    """Return the name of a parameter, or one of `also`, and the values in a text such as Gamma=0.8:1:0.05, or phi0=any."""
+    """Return the name and the `count` values in a text such as Gamma=0.8:1:0.05, or phi0=any.
+
+    The name is a parameter, or one of `also`; others are refused (ParameterError).
+    """
     name, _, values = text.partition("=")
     parts = values.split(":")
     if text == "phi0=any" and count == 2:
@@ -78,7 +82,7 @@ def parted(text: str, count: int, also: tuple[str, ...] = ()) -> tuple[str, Any]
 
 
 def in_lines(text: str) -> str:
-    """A text in lines of a terminal, broken at spaces only: a terminal breaks a number in two."""
+    """Return a text in lines of a terminal, broken at spaces only, since a terminal would break numbers."""
     if not sys.stdout or not sys.stdout.isatty():
         return text
     width = get_terminal_size().columns
@@ -86,13 +90,13 @@ def in_lines(text: str) -> str:
 
 
 def _by_default(name: str) -> str:
-    """What a parameter is where it is left out: a number, or the name of another parameter."""
+    """Return the default of a parameter as a text: a number, or the name of another parameter."""
     value = (BASE | LEFT_OUT)[name]
     return value if isinstance(value, str) else value_shown(name, value)
 
 
 def _group_of(name: str) -> str:
-    """The group of options that a parameter stands in."""
+    """Return the group of options in which a parameter is shown."""
     if name in (*START, "phi0"):
         return "Start"
     if name in ("Gamma", "f", "g", "A_z", "v_z") or name in chain.from_iterable(chain(*WAVES)):
@@ -101,10 +105,10 @@ def _group_of(name: str) -> str:
 
 
 def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
-    """Give `command` an option for each parameter of the model, spelt as in the paper, in place of its keywords."""
+    """Give `command` an option for each parameter of the model, in place of its ``**parameters``, and return it."""
     signature = inspect.signature(command)
     options = [parameter for parameter in signature.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
-    for name, quantity in GIVEN.items():  # their texts are checked with all else, where units are known
+    for name, quantity in GIVEN.items():  # values stay texts here: `Parameters`, which knows the units, reads them
         either = quantity.units + {"rad": ", or 16deg", "m": ", or 2mm"}.get(quantity.units, "")
         units = "" if quantity.units == "1" else f" ({either})"
         meaning = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")

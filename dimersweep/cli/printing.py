@@ -1,4 +1,4 @@
-"""What commands print: lines for people, one JSON object for programs, or nothing."""
+"""Print the results of commands: lines for people, one JSON object for programs, or nothing."""
 
 import inspect
 import sys
@@ -13,29 +13,29 @@ import typer
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, in_lines, option
 
-UNBOUNDED = 10**6  # columns: wider than any table
+UNBOUNDED = 10**6  # columns of a console that is wider than any table
 
 
 class Printer:
-    """What a command prints with: lines as they come, or at its end what it was told, as JSON.
+    """The output of a command: lines as they come, or one JSON object at the end.
 
     Parameters
     ----------
     json, quiet : bool
-        As typed. Errors and warnings are not of it: they go to stderr.
+        Options of the command. Errors and warnings go to stderr with both of them.
     """
 
     def __init__(self, json: bool, quiet: bool) -> None:
         self.json, self.quiet, self.told = json, quiet, dict[str, Any]()
 
     def __call__(self, *lines: str, **values: Any) -> None:
-        """Print lines, of which `values` are the same for a program."""
+        """Print lines, or keep the same content as `values` for the JSON object."""
         for line in lines if self.shown else ():
             typer.echo(line)
         self.told |= values
 
     def report_compiling(self) -> None:
-        """Say on stderr that the kernel is about to be compiled, if it is."""
+        """Print on stderr that the kernel is compiled, if it has to be."""
         from dimersweep.work.progress import report_compiling
 
         if not self.quiet:
@@ -43,11 +43,11 @@ class Printer:
 
     @property
     def shown(self) -> bool:
-        """Whether lines are printed."""
+        """True if lines are printed."""
         return not (self.json or self.quiet)
 
     def rows(self, name: str, units: dict[str, str], rows: Iterable[tuple[Any, ...]]) -> None:
-        """Print a table, whose columns have the names and `units` given: its rows are objects for a program."""
+        """Print a table with columns named by `units`, in these units; in JSON each row is an object."""
         kept = [*rows]
         self.told[name] = [dict(zip(units, row, strict=True)) for row in kept]
         if self.shown:
@@ -55,7 +55,7 @@ class Printer:
             print_table(heads, [[_shown(cell) for cell in row] for row in kept])
 
     def end(self) -> None:
-        """Print what was told, if it was to be JSON, which has no NaN and no infinity: null stands for them."""
+        """Print the JSON object, if it was asked for; null stands for NaN and infinity, which JSON lacks."""
         if self.json:
             from json import dumps, loads
 
@@ -63,16 +63,16 @@ class Printer:
 
 
 def _shown(cell: Any) -> str:
-    """Return the text of a cell: a missing number has none."""
+    """Return the text of a cell: "" for NaN, 6 digits for other floats."""
     return str(cell) if not isinstance(cell, float) else "" if isnan(cell) else f"{cell:.6g}"
 
 
 def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table with all its cells whole: as wide as they are, or a block for each row where a terminal is less wide."""
+    """Print a table with whole cells; if it is wider than the terminal, print a block of lines for each row."""
     from rich.console import Console
     from rich.table import Table
 
-    # with a height, too: rich takes a simple terminal, and a pipe, for one of 80 columns
+    # without a height rich would ignore the width, and take a simple terminal or a pipe for one of 80 columns
     console, table = Console(width=UNBOUNDED, height=1, markup=False, emoji=False), Table(*heads)
     rows = [*rows]
     for row in rows:
@@ -88,7 +88,10 @@ def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def telling(command: Callable[..., None]) -> Callable[..., None]:
-    """`command`, which is given a `Printer` first, with the options --json and --quiet; a signal ends it with one line."""
+    """Return `command` with the options --json and --quiet; it gets a `Printer` as its first argument.
+
+    A signal ends it with one line.
+    """
     signature = inspect.signature(command)
     mine = {
         "json": option("Print JSON.", "--json", group=OUTPUT),

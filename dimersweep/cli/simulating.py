@@ -1,4 +1,4 @@
-"""The command for one run."""
+"""The command for a single run."""
 
 from dataclasses import asdict
 from math import isnan
@@ -78,7 +78,7 @@ def simulate(
         if run.status != "ok":
             tell(in_lines(f"{run.status}: {run.message}"))
         tell(*(in_lines(f"{word}: {meaning}") for word, meaning in meanings(run).items()))
-        if save is not None:  # first: a movie may take long
+        if save is not None:  # before the movie, which may take long and be interrupted
             run.save(save, force=force)
             tell(f"run: {save}", save=str(save))
         if plot is not None:
@@ -90,7 +90,7 @@ def simulate(
 
 
 def _as_dict(run: "Run") -> dict[str, Any]:
-    """What came out of `run`, as JSON can hold it."""
+    """Return the outcome of `run`, as JSON can hold it."""
     names = ("status", "message", "mode", "mode_period", "track", "n_events", "n_periods", "end_speed", *RUN_COLUMNS)
     return {
         "parameters": stated(run.parameters),
@@ -100,7 +100,7 @@ def _as_dict(run: "Run") -> dict[str, Any]:
 
 
 def _bounds(run: "Run") -> dict[str, float]:
-    """Return bounds on the errors at the end of `run`: of its state, in its scales, and of the times of its events [s].
+    """Return bounds on the errors at the end of `run`: of its state, in its scales [1], and of its event times [s].
 
     Where a slip passes zero in a double impact and `rtol` decides, the time of that impact [s] is among them.
     """
@@ -111,6 +111,7 @@ def _bounds(run: "Run") -> dict[str, float]:
 
 
 def _print_table(run: "Run", bounds: dict[str, float]) -> None:
+    """Print the outcome of `run` as a table, with the bounds on its errors."""
     rows: list[tuple[str, ...]] = [("status", run.status), ("mode", run.mode)]
     if run.mode_period > 1:
         rows.append(("repeats every", str(run.mode_period), "periods"))

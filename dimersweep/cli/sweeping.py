@@ -1,4 +1,4 @@
-"""The commands for declared sweeps: run one, say what it would cost, show how far it is."""
+"""The commands for declared sweeps: run one, merge its parts, estimate its cost, show its progress."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -68,7 +68,7 @@ def run(
 
     whole_file = out or Path(declared.sweep.output)
     cube_file, plot = (whole_file, plot) if part is None else (SweepPart.of(part).file(whole_file), False)
-    check_output(cube_file, force=True)  # a cube that is there already is checked where it can be read
+    check_output(cube_file, force=True)  # an existing cube is checked by `make_cube`, which reads it
     picture, forced = cube_file.with_suffix(".png"), force or retry
     with interruptible(
         cube_file, picture if plot else None, parts=tiles_of(cube_file), again="run the same again for the rest"
@@ -78,7 +78,8 @@ def run(
 
         study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry, observe=_here(observe))
         if plot and not cube_file.exists():
-            if source is None:  # else a picture that cannot be drawn gives a warning, as where the cube was made first
+            # with --from the kind is that of the first cube: if it cannot be drawn, a warning is enough
+            if source is None:
                 check_kind(declared, study)
             check_picture_of(digest(as_text(study.configuration())), picture, force=forced)
         cube = make_cube(
@@ -128,7 +129,7 @@ def merge(
 def _declared(
     declaration: Path | None, source: Path | None = None, out: Path | None = None, *, other_kernel: bool = False
 ) -> "Declaration":
-    """The sweep that a file declares, or that a cube was made from."""
+    """Return the declaration in a file, or the declaration that makes the cube `source` again."""
     if (declaration is None) == (source is None):
         raise typer.BadParameter("give either SWEEP.toml or --from CUBE")
     if declaration is None and out is None:
@@ -142,7 +143,7 @@ def _declared(
 
 
 def _here(observe: str | None) -> str | None:
-    """An observer that is named, whose module is looked for in the working folder, too."""
+    """Return the name of an observer, and have its module searched for in the working folder, too."""
     from dimersweep.studies.observing import look_in
 
     look_in(Path())
