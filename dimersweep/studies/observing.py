@@ -56,7 +56,7 @@ class Declared(NamedTuple):
     settles: bool
 
 
-# --- the declaration ----------------------------------------------------------------------------------------------------
+# --- the declaration --------------------------------------------------------------------------------------------------
 
 
 def observer(
@@ -171,7 +171,7 @@ def _declared(where: str, told: Any, needed: tuple[str, ...], more: tuple[str, .
     return [told.get(key) for key in (*needed, *more)]
 
 
-# --- the checksum ---------------------------------------------------------------------------------------------------------
+# --- the checksum -----------------------------------------------------------------------------------------------------
 
 
 def _checksum(function: Any, caller: CodeType, *told: Any) -> str:
@@ -215,7 +215,7 @@ def _module(given: str | ModuleType) -> Any:
     return there
 
 
-# --- finding an observer --------------------------------------------------------------------------------------------------
+# --- finding an observer ----------------------------------------------------------------------------------------------
 
 
 def look_in(folder: Path) -> None:
@@ -293,7 +293,7 @@ def _taken_apart(given: Any) -> tuple[Any, dict[str, Any]]:
     return given, arguments
 
 
-# --- observing a run ----------------------------------------------------------------------------------------------------
+# --- observing a run --------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)

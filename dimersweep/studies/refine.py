@@ -191,8 +191,7 @@ class RefinedMap(Search):
         cells = tuple(n - 1 for n in self.coarse.shape)
         units = prod(cells)
         parts = (self._cell(np.unravel_index(k, cells), cells) for k in spread_order(units).tolist())
-        # three times as long as for other studies: only the few cells that a border crosses cost more than their
-        # corners
+        # a longer sample than for other studies: costs differ much, as only few cells are crossed by a border
         return Sample(units, "cells spread over the coarse grid", parts, seconds=30.0)
 
     def _cell(self, place: Sequence[int], cells: Sequence[int]) -> tuple[Self, np.ndarray]:

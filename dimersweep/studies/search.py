@@ -217,7 +217,7 @@ def waves(shape: tuple[int, ...]) -> Iterator[dict[int, list[int]]]:
     sides along every axis, at the stride of the wave.
     """
     places = np.indices(shape).reshape(len(shape), -1).T
-    # the first wave has up to four points along the longest axis: one lone point would keep a single thread busy
+    # the first wave has three or four points along the longest axis: one lone point would keep a single thread busy
     stride = 1 << max(0, (max(shape) - 1).bit_length() - 2)
     taken = np.zeros(len(places), dtype=bool)
     while stride:
