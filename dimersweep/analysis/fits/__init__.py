@@ -1,4 +1,5 @@
-"""Fits: which parameters give the orbit that was measured, what the data leave open, and what no parameters give.
+"""Fit parameters to a measured orbit: the best values, what the data leave open, and whether any parameters give the
+data.
 
 Examples
 --------

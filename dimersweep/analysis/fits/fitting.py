@@ -1,4 +1,4 @@
-"""Fit: the parameters whose orbit is nearest to what was measured, what the data leave open, and whether any give them."""
+"""Find the parameters whose orbit is nearest to measured values, their errors, and what the data leave open."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -28,69 +28,78 @@ from dimersweep.plots.style import Look
 from dimersweep.symbols import PARAMETERS, units_shown
 from dimersweep.work.progress import Tally, watch
 
-FIRST_LOOKS = 8  # points of the ranges that are looked at for each free parameter, and once more
-MOST_CORNERED = 3  # free parameters up to which their corners are looked at, too
-DESCENTS = 4  # of those that are better than all around, from which the solver starts
-MOST_STEPS = 30  # of the solver in a descent
-SLOPE_STEP = 1e-4  # of the differences, in ranges: their error is its square, and that of the orbit, 1e-10, over it
-FALLS_ON = 0.05  # share of the misfit that a step of a range would gain above which a descent has not come to a minimum
-RIM = 1e-3  # distance from an end of its range [ranges] at which a value is called to be there
-APART_BY = 0.05  # distance of two minima that are two [ranges]
-INSIDE = 1e-9  # distance from the ends of the ranges at which a descent begins at least
-ENOUGH = 1e-6  # step of the solver, in ranges, and gain, in the misfit, at which it ends
-LEVEL = 1e-3  # slope of half the misfit at which it ends: over FEW_ERRORS, it is what is left of an error
-IMPROBABLE = 0.0027  # of a greater misfit by chance: three standard deviations of one value
-FINE = 1e-9  # step of the solver, in ranges, at which it ends across a valley, and how many it takes at most
-FEW_STEPS = 10
-STIFF = 1e3  # errors to a range, by which the solver is held along a valley: the misfit hardly pulls there
-POINTS = 20  # of a valley as large as the ranges, about
-PER_ERROR = 0.5  # of the error along one that is shorter: the step
-APART_ALONG = 0.7  # steps from one point to another at least
-FAR_UP = 9.0  # of the misfit above the best one: the end of a valley
-CURVED = 0.3  # of an error, by which the slopes at the fit may be wrong an error away
-NO_ERRORS = 1e-2  # the same below which a parameter changes no datum
+# points at which the orbit is computed first: this number for each free parameter, and once more
+FIRST_LOOKS = 8
+MOST_CORNERED = 3  # free parameters up to which the corners of the ranges are among them: there are 2**n corners
+DESCENTS = 4  # descents of the solver at most, from points that are better than all points around
+MOST_STEPS = 30  # steps of the solver in a descent at most
+# step of the differences for slopes [ranges]: their error is its square, 1e-8, and the error of the orbit, 1e-10, over
+# it
+SLOPE_STEP = 1e-4
+# a descent has come to no minimum if a step of one range along the slope would gain more than this share of the misfit
+FALLS_ON = 0.05
+RIM = 1e-3  # distance from an end of the range [ranges] within which a value counts as at the end
+APART_BY = 0.05  # distance above which two minima are different ones [ranges]
+INSIDE = 1e-9  # distance of a start from the ends of the ranges [ranges]: the solver refuses to start on its bounds
+ENOUGH = 1e-6  # step [ranges], and relative gain in the misfit, at which the solver ends
+# slope of half the misfit at which the solver ends [1/range]: a direction that is determined has a singular value of at
+# least FEW_ERRORS, so less than LEVEL / FEW_ERRORS = 3e-4 of an error is left
+LEVEL = 1e-3
+IMPROBABLE = 0.0027  # probability of a misfit at which the data are impossible: that of three standard deviations
+FINE = 1e-9  # step at which the solver ends across a valley [ranges]: finer than ENOUGH, as the data change fast there
+FEW_STEPS = 10  # steps across a valley at most: each starts near its end
+STIFF = (
+    1e3  # errors per range with which the solver is kept from moving along a valley, where the misfit is nearly flat
+)
+POINTS = 20  # approximate number of points of a valley as large as the ranges
+PER_ERROR = 0.5  # step along a shorter valley, in the errors along it
+APART_ALONG = 0.7  # distance below which points of a valley are the same, in steps: a neighbour is 1 away
+FAR_UP = 9.0  # misfit above the best one at which a valley ends: three standard deviations
+CURVED = 0.3  # deviation from the slopes, one error away from the fit and in errors, above which the slopes do not do
+NO_ERRORS = 1e-2  # change of the data over a whole range, in errors, below which a parameter has no effect
 
 
 @dataclass(frozen=True, kw_only=True, repr=False, eq=False)
 class Fit:
-    """The parameters whose orbit is nearest to what was measured.
+    """The parameters whose orbit is nearest to the measured values, with their errors.
 
     Attributes
     ----------
     values : dict
-        Of the free parameters.
+        Values of the free parameters, SI units.
     covariance : ndarray, shape (n, n)
-        Of the free parameters, in their order, from the slopes at the fit and the errors of the data, or from the valley where
-        there is one. A parameter about which the data say nothing has the variance inf, and nan beside it; all is nan where
-        no parameters give the data and the nearest ones lie at the end of a range or at a border of the stable orbits.
+        Covariance of the free parameters, in their order: from the slopes at the fit and the errors of the data, or
+        from the valley, if there is one. A parameter that the data do not determine has the variance inf, and nan off
+        the diagonal. All is nan if no parameters give the data and the nearest ones lie at the end of a range or at a
+        border of the stable orbits.
     possible : bool
-        Whether the data may come from parameters in the ranges: a misfit as great as this one has a probability of more
-        than 0.0027.
+        True if parameters in the ranges may give the data: a greater misfit has a probability of at least 0.0027.
     chi_square, probability : float
-        The misfit in errors, squared and summed, and the probability of a greater one.
+        Sum of the squared residuals in units of their errors, and the probability of a greater sum.
     singular_values : ndarray, shape (n,)
-        Of the slopes, the largest first: by how many of their errors the data change for a step of the size of a range.
+        Singular values of the slopes, the largest first: change of the data, in their errors, for a step of one range.
     directions : ndarray, shape (n, n)
-        The steps that belong to them, one a row, in ranges.
+        Steps that belong to the singular values, one in each row, in ranges.
     undetermined : tuple of str
-        In words, what the data leave open.
+        Sentences on what the data leave open.
     notes : tuple of str
-        In words, what else is to be known: no parameters give the data, a value is at the end of its range, there is
+        Further sentences: that no parameters give the data, that a value is at the end of its range, that there is
         another minimum.
     others : tuple of dict
-        Other values that give the data too, where some are found.
+        Values at other minima that give the data, too.
     valley : Valley or None
-        Points that cover all values that give the data, and the profile of each parameter, where the slopes at one point do not
-        tell the errors.
+        Points that cover all values that give the data, with the profile of each parameter; only where the slopes at
+        one point do not give the errors.
     measured : Measured
+        The measured values.
     predicted : ndarray, shape (m,)
         The measured quantities of the fitted orbit.
     orbit : PeriodicOrbit
         The fitted orbit.
     ranges : dict
-        Of the free parameters.
+        Least and greatest value of each free parameter.
     cost : float
-        Forcing periods that it took.
+        Forcing periods that the fit took.
 
     Examples
     --------
@@ -119,13 +128,14 @@ class Fit:
 
     @property
     def errors(self) -> dict[str, float]:
-        """Standard deviations of the fitted values: within as much of each 68.27 % of what is possible lies."""
+        """Standard deviations of the fitted values: 68.27 % of the probability lie within one of them."""
         return dict(zip(self.values, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     def within(self, share: float) -> dict[str, float]:
-        """Distances from the fitted values within which a share of what is possible lies: 0.6827 gives `errors`.
+        """Return the distances from the fitted values within which a share of the probability lies.
 
-        Twice an error holds 95.45 % where all is determined. In a valley it may hold much less.
+        A share of 0.6827 gives `errors`. Twice an error holds 95.45 % where all is determined; in a valley it may hold
+        much less.
 
         Examples
         --------
@@ -153,7 +163,7 @@ class Fit:
         return self.table()
 
     def table(self) -> str:
-        """What was fitted and what was measured, and in words what the data leave open, as a text of some lines.
+        """Return the fitted and the measured values, and what the data leave open, as lines of text.
 
         Examples
         --------
@@ -174,9 +184,9 @@ class Fit:
         return "\n".join([*lines, *self.notes, *self.undetermined, f"cost: {self.cost:,.0f} forcing periods"])
 
     def plot(self, **look: Unpack[Look]) -> Figure:
-        """The regions of one and two standard deviations of each pair of free parameters, with the profile of each.
+        """Draw the regions of one and two standard deviations of each pair of free parameters.
 
-        The profiles are there where there is a valley. `look` is as in `plots.Look`.
+        With a valley, also draw the profile of each parameter. `look` is as in `plots.Look`.
 
         Examples
         --------
@@ -196,27 +206,27 @@ def fit(
     progress: bool = True,
     **parameters: float,
 ) -> Fit:
-    """Return the parameters whose orbit is nearest to what was measured.
+    """Return the parameters whose orbit is nearest to the measured values.
 
-    The model is the stable orbit of `orbits.find`. Points spread over the ranges are looked at, and
+    The model is the stable orbit of `orbits.find`. Orbits are computed at points spread over the ranges, and
     `scipy.optimize.least_squares` descends from the best of them.
 
     Parameters
     ----------
     measured : mapping of str to (float, float), Measured or Track
-        Values and standard deviations of some of `path_radius` [m], `period` [s], `path_speed` [m s-1], `zeta` [rad], `spin`
-        [rad s-1], `impact_phase` [cycles], and `radius` [m] and `speed` [m s-1], which are those of equation (11), right after
-        the double impact, and not of the path; or what `circle` or `cycloid` make of a track.
+        Values and standard deviations of some of `path_radius` [m], `period` [s], `path_speed` [m s-1], `zeta` [rad],
+        `spin` [rad s-1], `impact_phase` [cycles], `radius` [m] and `speed` [m s-1]. The last two are those of equation
+        (11), right after the double impact, and not of the path. Or a track, from `circle` or `cycloid`.
     free : mapping of str to (float, float)
         Least and greatest value of each free parameter; `spin` may be one of them.
     spin : float, optional
-        Axial spin [rad s-1] where it is not free; by default what a lateral start with `xdot0` rolls up to.
+        Axial spin [rad s-1] if it is not free; by default the spin that a lateral start with `xdot0` rolls up to.
     rtol : float
         Accuracy of the map [1].
     progress : bool
-        Whether to show how far it is: a bar on a terminal and in a notebook, else a line every ten seconds.
+        If True, show the progress: a bar on a terminal and in a notebook, else a line every ten seconds.
     **parameters : float
-        Of the model, as far as they are not free; by default the paper's base case.
+        Parameters of the model that are not free; by default the paper's base case.
 
     Returns
     -------
@@ -225,9 +235,9 @@ def fit(
     Raises
     ------
     ParameterError
-        For an unknown name, an error that is not above 0, a range that is none, or a value that is not allowed.
+        For an unknown name, an error that is not above 0, a range without an interior, or a value that is not allowed.
     OrbitError
-        If there is no stable orbit at any of the points that are looked at.
+        If no point at which an orbit was computed has a stable one.
     Stopped
         On Ctrl-C, with the best values so far; it is a KeyboardInterrupt.
 
@@ -239,7 +249,8 @@ def fit(
     (False, 3.74)
     """
     likelihood = Likelihood(measured, free, spin=spin, rtol=rtol, **parameters)
-    shown = check_switch("progress", progress) and current_thread() is main_thread()  # two bars at a time are an error
+    # other threads show no progress: two bars at a time are an error
+    shown = check_switch("progress", progress) and current_thread() is main_thread()
     with watch(1, {}, lambda: 1, show=shown) as tally:
         search = _Search(likelihood, tally)
         try:
@@ -264,7 +275,7 @@ def _fitted(search: "_Search") -> Fit:
 
 
 class _Point(NamedTuple):
-    """A point of the ranges, each from 0 to 1, its stable orbit, and how far that is from the data, in errors."""
+    """A point of the ranges (each from 0 to 1), its stable orbit, and the residuals of its data, in errors."""
 
     u: np.ndarray
     orbit: PeriodicOrbit
@@ -272,16 +283,17 @@ class _Point(NamedTuple):
 
     @property
     def misfit(self) -> float:
-        """The sum of the squared residuals."""
+        """Sum of the squared residuals [1]."""
         return float(self.residuals @ self.residuals)
 
 
 def _ordered(points: Iterable[_Point]) -> list[_Point]:
+    """Return points in the order of their misfits, the best first."""
     return sorted(points, key=lambda point: point.misfit)
 
 
 class _Search:
-    """The likelihood in units of the ranges, with the point that was found last, or why there was none, and the best one."""
+    """A search of the ranges for the best point, in units of the ranges; keeps the last and the best point."""
 
     def __init__(self, likelihood: Likelihood, tally: Tally) -> None:
         self.likelihood = likelihood
@@ -293,7 +305,9 @@ class _Search:
         self.reason: Exception | None = None
 
     def at(self, u: np.ndarray, guess: PeriodicOrbit | None = None) -> _Point | None:
-        """The point with its orbit, found from one nearby or from nothing; None if there is none."""
+        """Return the point at `u` with its orbit, found from a guess nearby or from nothing; None if it has no stable
+        orbit.
+        """
         before, self.last = self.recorder.periods, None
         try:
             orbit = self.likelihood.orbit(self.likelihood.low + u * self.width, guess, self.recorder)
@@ -310,7 +324,7 @@ class _Search:
         return self.last
 
     def steps(self, doing: str, items: Sequence[Any]) -> Iterator[Any]:
-        """Go through items, each of which counts as a point of what is done."""
+        """Yield the items one by one, and show each as a point of the progress."""
         self.doing = doing
         self.tally.expect(self.tally.total + len(items))
         for each in items:
@@ -325,19 +339,19 @@ class _Search:
         return f"the best values of the fit so far are {values} (chi-square {self.best.misfit:.4g}), without errors"
 
     def values(self, point: _Point) -> dict[str, float]:
-        """Of the free parameters, in their units."""
+        """Return the values of the free parameters at a point, in SI units."""
         return self.likelihood.values(self.likelihood.low + point.u * self.width)
 
     def starts(self) -> list[_Point]:
-        """Of some points spread over the ranges, those with a stable orbit that are better than all around, the best first.
+        """Return the best points to start descents from, the best first: each is better than all points around it.
 
         Raises
         ------
         OrbitError, ParameterError
-            If none of them has a stable orbit.
+            If no point of those spread over the ranges has a stable orbit.
         """
         n = self.width.size
-        spread = Halton(n, scramble=False).random((n + 1) * FIRST_LOOKS + 1)[1:]  # the first one is a corner
+        spread = Halton(n, scramble=False).random((n + 1) * FIRST_LOOKS + 1)[1:]  # the first one is a corner, at 0
         corners = np.array(list(product((0.0, 1.0), repeat=n))) if n <= MOST_CORNERED else np.empty((0, n))
         looks = [np.full(n, 0.5), *spread, *corners]
         found = [point for point in map(self.at, self.steps("looking around", looks)) if point]
@@ -347,12 +361,13 @@ class _Search:
             looked = f"{len(looks)} points of the ranges ({self.recorder.periods:,.0f} forcing periods)"
             raise OrbitError(f"no stable orbit at any of {looked}; at the last one: {self.reason}")
         places, misfits = (np.array(column) for column in zip(*((one.u, one.misfit) for one in found), strict=True))
+        # each point with its 2 n nearest ones: as many as neighbours in a grid
         near = np.array([np.argsort(np.linalg.norm(places - u, axis=1))[: 2 * n + 1] for u in places])
         least = np.flatnonzero(misfits <= misfits[near].min(axis=1))
         return _ordered(found[k] for k in least)[:DESCENTS]
 
     def slopes(self, point: _Point) -> np.ndarray:
-        """Derivatives of the residuals by the free parameters in their ranges, shape (m, n): central, else one-sided."""
+        """Return the derivatives of the residuals by the parameters in ranges, shape (m, n): central if possible."""
         columns = []
         for step in SLOPE_STEP * np.eye(point.u.size):
             places = (np.clip(point.u + way, 0, 1) for way in (step, -step))
@@ -363,15 +378,20 @@ class _Search:
         return np.column_stack(columns)
 
     def descended(self, start: _Point, along: np.ndarray | None = None) -> _Point:
-        """Where the solver comes to from a point: with steps, shape (d, n), across them, and on the branch of the point."""
+        """Return the point to which the solver descends from `start`, or `start` if it finds no better one.
+
+        With directions `along`, shape (d, n), the solver moves across them only, and stays on the branch of orbits of
+        the start.
+        """
         inside = np.clip(start.u, INSIDE, 1 - INSIDE)  # the solver begins within its bounds
         guess, enough, most = (None, ENOUGH, MOST_STEPS) if along is None else (start.orbit, FINE, FEW_STEPS)
         held = np.empty((0, inside.size)) if along is None else STIFF * along
         if self.at(inside, guess) is None:
             return start
-        known = None if along is None else self.slopes(start)  # so near that these do
+        known = None if along is None else self.slopes(start)  # across a valley the way is short: they hardly change
 
-        def residuals(u: np.ndarray) -> np.ndarray:  # inf where no stable orbit is, at which it takes a shorter step
+        # inf where there is no stable orbit: the solver takes a shorter step then
+        def residuals(u: np.ndarray) -> np.ndarray:
             point = self.at(u, guess)
             seen = np.full(len(self.likelihood.whitening), np.inf) if point is None else point.residuals
             return np.concatenate([seen, held @ (u - start.u)])
@@ -380,7 +400,7 @@ class _Search:
             if known is not None:
                 return np.concatenate([known, held])
             here = self.last if self.last is not None and np.array_equal(self.last.u, u) else self.at(u, guess)
-            assert here is not None  # as where the solver has been
+            assert here is not None  # slopes are asked for at points whose residuals are finite
             return self.slopes(here)
 
         ends = {"ftol": ENOUGH, "xtol": enough, "gtol": LEVEL, "max_nfev": most}
@@ -389,7 +409,9 @@ class _Search:
         return start if end is None or end.misfit > start.misfit else end
 
     def curved(self, best: _Point, slopes: np.ndarray) -> bool:
-        """Whether the slopes at a point are wrong by a part of an error, an error away in the direction that is known least."""
+        """Return True if the slopes at a point are wrong by `CURVED` errors, an error away along the least known
+        direction.
+        """
         inverse = np.linalg.pinv(slopes)
         singular, directions = _directions(slopes)
         for step in (directions[-1] / singular[-1], -directions[-1] / singular[-1]):
@@ -402,9 +424,10 @@ class _Search:
         return False
 
     def valley(self, seeds: list[_Point], slopes: np.ndarray, n_open: int) -> tuple[list[_Point], np.ndarray, Valley]:
-        """Points that give the data about as well as the first seed, evenly spread along what is open, and the slopes there.
+        """Return points that give the data about as well as the first seed, their slopes, and the valley of them.
 
-        It looks from all seeds on. `slopes`, shape (m, n), are those at the first one.
+        Points are evenly spread along the `n_open` directions that the data leave open. The walk starts at all seeds.
+        `slopes`, shape (m, n), are those at the first seed.
         """
         singular, directions = _directions(slopes)
         step = min(POINTS ** (-1 / n_open), PER_ERROR / max(singular[-n_open], PER_ERROR))
@@ -424,7 +447,8 @@ class _Search:
             found.append((point, slopes))
             self.tally.add({"done": 1})
             there = _directions(slopes)[1][-n_open:].T
-            along = (there @ orthogonal_procrustes(there, before.T)[0]).T  # turned as little as can be
+            # turned as little as possible against the point before, so that the points form an even net
+            along = (there @ orthogonal_procrustes(there, before.T)[0]).T
             for way in (*along, *-along):
                 room = (np.where(way > 0, 1 - point.u, point.u) / np.maximum(np.abs(way), INSIDE)).min()
                 ahead_u = point.u + min(step, room) * way
@@ -437,13 +461,15 @@ class _Search:
         return points, known, Valley.of(places, residuals, known, n_open, step)
 
     def cut_off(self, end: _Point, slopes: np.ndarray) -> bool:
-        """Whether the misfit falls on from where a descent has ended, within the ranges."""
+        """Return True if the misfit falls on from the end of a descent, in a direction within the ranges."""
         fall = -2 * slopes.T @ end.residuals
         inward = ((end.u > RIM) | (fall > 0)) & ((end.u < 1 - RIM) | (fall < 0))
         return bool(np.abs(fall[inward]).max(initial=0.0) > FALLS_ON * end.misfit)
 
     def simplex(self, start: _Point) -> _Point:
-        """A better point that a simplex finds: where a border of the stable orbits cuts off the way down, it goes along it."""
+        """Return a better point, found by a simplex: it follows a border of the stable orbits that cuts off the
+        descent.
+        """
 
         def misfit(u: np.ndarray) -> float:
             point = self.at(u)
@@ -455,13 +481,13 @@ class _Search:
 
 
 def _probability(misfit: float, slopes: np.ndarray) -> float:
-    """The probability of a greater misfit, if the directions that are not open take one value each."""
+    """Return the probability of a greater misfit, if each direction that is not open takes one degree of freedom."""
     taken = np.count_nonzero(np.linalg.svd(slopes, compute_uv=False) >= FEW_ERRORS)
     return float(chi2.sf(misfit, max(1, slopes.shape[0] - taken)))
 
 
 def _others(ends: list[_Point], slopes: np.ndarray) -> list[_Point]:
-    """Where other descents have ended that give the data too, each far from all better ones."""
+    """Return the ends of other descents that give the data, too, each far from all better ends."""
     return [
         end
         for k, end in enumerate(ends[1:], 1)
@@ -471,18 +497,18 @@ def _others(ends: list[_Point], slopes: np.ndarray) -> list[_Point]:
 
 
 def _at_end(point: _Point) -> np.ndarray:
-    """Numbers of the parameters that are at an end of their ranges."""
+    """Return the indices of the parameters that are at an end of their ranges."""
     return np.flatnonzero(np.minimum(point.u, 1 - point.u) < RIM)
 
 
 def _directions(slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Singular values of slopes, with a 0 for each missing one, shape (n,), and their directions, shape (n, n)."""
+    """Return the singular values of slopes, shape (n,), filled up with zeros, and their directions, shape (n, n)."""
     _, found, directions = np.linalg.svd(slopes, full_matrices=True)
     return np.pad(found, (0, len(directions) - found.size)), directions
 
 
 def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
-    """The fit in the units of its parameters and in words."""
+    """Return the fit in the units of its parameters, with its errors and its sentences."""
     search.doing = "errors"
     likelihood, best = search.likelihood, ends[0]
     names, low, width = likelihood.names, likelihood.low, search.width
@@ -491,11 +517,11 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     impossible = _probability(best.misfit, slopes) < IMPROBABLE
     cut_off = impossible and search.cut_off(best, slopes)
     valley, undetermined, notes = None, [], []
-    if impossible and (cut_off or _at_end(best).size):  # the slopes tell no errors
+    if impossible and (cut_off or _at_end(best).size):  # no minimum, so the slopes give no errors
         covariance = np.full((width.size, width.size), np.nan)
     elif n_open or search.curved(best, slopes):
         points, known, valley = search.valley(ends, slopes, max(1, n_open))
-        if n_open:  # any of its points is as good
+        if n_open:  # all points of the valley give the data as well: the middle one stands for them
             best, slopes = points[valley.middle], known[valley.middle]
             singular, directions = _directions(slopes)
             undetermined = _open(names, valley.scaled(low, width), known)
@@ -521,7 +547,7 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
     ]
     notes += [f"These give the data too: {_listed(one)}." for one in others]
     if likelihood.measured.track is not None:
-        notes += likelihood.measured.track.notes  # such as other turns that fit it
+        notes += likelihood.measured.track.notes  # for example on other turns that fit the track
     return Fit(
         values=values,
         covariance=covariance * np.outer(width, width),
@@ -543,7 +569,7 @@ def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
 
 
 def _impossible(measured: Measured, predicted: np.ndarray, misfit: float, values: dict[str, float]) -> str:
-    """In words, that no parameters give the data, and how near the nearest ones come."""
+    """Return the sentence that no parameters give the data, and how near the nearest ones come."""
     apart = (predicted - measured.values) / measured.errors
     k = int(np.argmax(np.abs(apart)))
     return (
@@ -553,7 +579,7 @@ def _impossible(measured: Measured, predicted: np.ndarray, misfit: float, values
 
 
 def _open(names: tuple[str, ...], valley: Valley, slopes: np.ndarray) -> list[str]:
-    """In words, what the data leave open: parameters without effect at any point, and those that are known together."""
+    """Return sentences on what the data leave open: parameters without effect, and parameters only known together."""
     idle = (np.abs(slopes) < NO_ERRORS).all(axis=(0, 1))
     least, most = valley.extent
     moved = (most - least) ** 2 > np.diagonal(valley.across, axis1=1, axis2=2).min(axis=0)
@@ -566,8 +592,10 @@ def _open(names: tuple[str, ...], valley: Valley, slopes: np.ndarray) -> list[st
 
 
 def _listed(values: dict[str, float]) -> str:
+    """Return names and values as a text."""
     return ", ".join(f"{name} = {value:.4g}" for name, value in values.items())
 
 
 def unit_of(name: str) -> str:
+    """Return the unit of a parameter or of a measured quantity, as it is shown."""
     return units_shown(MEASURABLE[name].units if name in MEASURABLE else PARAMETERS[name].units)

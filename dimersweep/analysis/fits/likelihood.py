@@ -1,4 +1,4 @@
-"""The probability of what was measured, for parameters in given ranges: the orbit is the model."""
+"""The likelihood of parameters in given ranges, that is the probability density of the measured values."""
 
 from collections.abc import Mapping
 
@@ -18,28 +18,33 @@ from dimersweep.symbols import BASE
 class Likelihood:
     """The logarithm of the probability density of the data, as a function of the free parameters, for any sampler.
 
-    Called with a point, shape (n,), it returns a float: -inf outside the ranges and where no stable orbit is. It depends on the
-    point alone, can be pickled, and costs some 40 forcing periods.
+    Calling it with a point, shape (n,), returns a float: -inf outside the ranges and where there is no stable orbit.
+    The value depends on the point alone. A call costs about 40 forcing periods. The object can be pickled.
 
     Parameters
     ----------
     measured : mapping, Measured or Track
-        See `fit`.
+        Measured values, as in `fit`.
     free : mapping of str to (float, float)
+        Least and greatest value of each free parameter.
     spin : float, optional
+        Axial spin [rad s-1] if it is not free, as in `fit`.
     rtol : float
+        Accuracy of the map [1].
     **parameters : float
+        Parameters of the model that are not free.
 
     Attributes
     ----------
     names : tuple of str
         The free parameters, in the order of a point.
     low, high : ndarray, shape (n,)
-        Their ranges.
+        Least and greatest values of the free parameters.
 
     Raises
     ------
     ParameterError
+        As `fit`.
 
     Examples
     --------
@@ -85,18 +90,18 @@ class Likelihood:
         self.constant = -float(np.log(np.diag(lower)).sum()) - 0.5 * len(lower) * float(np.log(2 * np.pi))
 
     def values(self, point: np.ndarray) -> dict[str, float]:
-        """The free parameters at a point, by name."""
+        """Return the free parameters at a point, by name."""
         return dict(zip(self.names, map(float, point), strict=True))
 
     def orbit(
         self, point: np.ndarray, guess: PeriodicOrbit | None = None, recorder: Recorder | None = None
     ) -> PeriodicOrbit:
-        """The stable orbit at a point: a motion that is measured is stable.
+        """Return the stable orbit at a point; unstable orbits are refused, since they cannot be measured.
 
         Raises
         ------
         OrbitError
-            If there is none.
+            If there is no stable orbit.
         ParameterError
             If the parameters do not go together, such as mu above mu_s.
         """
@@ -109,7 +114,11 @@ class Likelihood:
         return orbit
 
     def predicted(self, orbit: PeriodicOrbit) -> np.ndarray:
-        """What would be measured of an orbit, shape (m,): of a track what one of it would give; the nearest of phases."""
+        """Return the values that would be measured of an orbit, shape (m,).
+
+        Radius and period of a track are those that the track would show of it. Phases are the nearest to the measured
+        ones.
+        """
         values = np.array([getattr(orbit, name) for name in self.measured.names])
         if self.measured.track is not None and orbit.precession_rate:
             values[:2] = self.measured.track.of(orbit)
@@ -119,7 +128,7 @@ class Likelihood:
         return values
 
     def residuals(self, orbit: PeriodicOrbit) -> np.ndarray:
-        """How far an orbit is from what was measured, in errors and uncorrelated, shape (m,)."""
+        """Return the differences between an orbit and the measured values, uncorrelated and in errors, shape (m,)."""
         return self.whitening @ (self.predicted(orbit) - self.measured.values)
 
     def __call__(self, point: np.ndarray) -> float:
@@ -137,7 +146,7 @@ class Likelihood:
 
 
 def _ranges(free: Mapping[str, tuple[float, float]]) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
-    """Names, least and greatest values of the free parameters, checked."""
+    """Return names, least and greatest values of the free parameters, checked."""
     if not isinstance(free, Mapping) or not free:
         raise ParameterError(f"free = {free!r}: must be ranges such as {{'e': (0.5, 0.7)}}")
     rows = []

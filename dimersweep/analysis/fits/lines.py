@@ -1,4 +1,4 @@
-"""A periodic motion in a long record: the times of its samples, its line, its trend, and whether the line is always there."""
+"""Analyse a periodic motion in a long record: times of its samples, its line, its trend, and changes of the line."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,26 +11,52 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from dimersweep.errors import ParameterError
 
-CHUNK = 2048  # samples at once, whose exponentials stay in a processor's cache
-MOST_BLOCKS = 64  # of a record, at most; each has a period at least
-STEPS, SETTLED = 20, 1e-12  # of Gauss and Newton for the frequency, and the last of them, in units of it
-FIRST_SAMPLES = 8  # samples whose numbers follow from the usual step alone, though some are missing
-FEW_MISSING = 2  # missing samples that are told from a clock a little slower, whose rounded times are the same
-TREND, TREND_PARTS = 4, 16  # periods between the knots of a trend, and means there: each is much shorter than a period
-# height of a line over the median of so many bins on each side: noise has none in 1e11 bins
+CHUNK = 2048  # samples that are summed at a time: their exponentials stay in a processor's cache
+MOST_BLOCKS = 64  # blocks of a record at most; each has a period at least
+# most steps of Gauss and Newton's method for the frequency, and the relative size of a step that ends it
+STEPS, SETTLED = 20, 1e-12
+FIRST_SAMPLES = 8  # samples whose numbers follow from the usual step alone, even if some are missing
+# missing samples up to which a clock without gaps, a little slower, is tried last: its rounded times are the same
+FEW_MISSING = 2
+# periods between the knots of a trend, and means of the record from knot to knot: each covers a quarter of a period
+TREND, TREND_PARTS = 4, 16
+# height of a clear line over the median of this number of bins on each side: noise alone reaches it in one of 1e11
+# bins, since a normal amplitude has the median 1.18 and exceeds 6 * 1.18 with the probability exp(-25)
 CLEAR, BINS_BESIDE = 6.0, 20
-NEAR_LINE = 3  # bins beside a line in which there is no other
-LINES, SMALL_LINE = 12, 1e-5  # further lines that are taken out, at most, and their least part of the first
-# changes of a line that it may have; that are told: over noise, and of the line
+NEAR_LINE = (
+    3  # bins beside a line in which no other line is looked for: a Hann window widens a line to two on each side
+)
+# further lines that are removed at most, and their least amplitude over the first one
+LINES, SMALL_LINE = 12, 1e-5
+# change of a line that refuses the record; changes that are reported: over those of noise, and relative to the line
 STEADY_LINE, NOISE_CHANGES, TOLD = 0.1, 2.0, 0.003
 
 
 @dataclass(frozen=True, eq=False)
 class Periodic:
-    """A fit of harmonics to a record: the sum of `parts[k] exp(i k omega t)` over positive and negative k.
+    """Harmonics that fit a record: the sum of `parts[k] exp(i k omega t)` over positive and negative k.
 
-    `parts` has the shape (harmonics + 1, axes), `weights` the inverse variances of what is left of each axis, and `curve` is
-    the second derivative of half the weighted sum of squares by `omega`.
+    Attributes
+    ----------
+    omega : float
+        Angular frequency [rad s-1].
+    parts : ndarray, shape (harmonics + 1, axes), complex128
+        Amplitudes for k from 0; those for -k are the conjugates.
+    weights : ndarray, shape (axes,)
+        Inverse variances of the residuals of each axis.
+    curve : float
+        Second derivative of half the weighted sum of squares by `omega`.
+
+    Attributes
+    ----------
+    omega : float
+        Angular frequency [rad s-1].
+    parts : ndarray, shape (harmonics + 1, axes), complex128
+        Amplitudes for k from 0; those for -k are the conjugates.
+    weights : ndarray, shape (axes,)
+        Inverse variances of the residuals of each axis.
+    curve : float
+        Second derivative of half the weighted sum of squares by `omega`.
     """
 
     omega: float
@@ -51,7 +77,10 @@ class Periodic:
         return rest
 
     def sums(self, t: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the middles of blocks of time, their samples, and the sums there of `rest exp(-i k omega t)`, as `parts`."""
+        """Return for blocks of a record their middle times, numbers of samples, and sums of `rest exp(-i k omega t)`.
+
+        The sums have the shape (blocks, harmonics + 1, axes).
+        """
         count = int(min(MOST_BLOCKS, np.ptp(t) * self.f))
         edges = np.searchsorted(t, [*np.linspace(t[0], t[-1], count + 1)[:-1], np.inf])
         each = _waves(t, self.omega, len(self.parts) - 1, edges)
@@ -65,17 +94,21 @@ def _waves(t: np.ndarray, omega: float, most: int, edges: np.ndarray) -> Iterato
         powers = np.ones((t[part].size, most + 1), complex)
         powers[:, 1] = np.exp(1j * omega * t[part])
         for k in range(2, most + 1):
+            # from halves, so that rounding grows with the logarithm of k only
             np.multiply(powers[:, k // 2], powers[:, k - k // 2], out=powers[:, k])
         yield part, powers.view(float)
 
 
 def fitted(t: np.ndarray, a: np.ndarray, omega: float, most: int, *, free: bool = True) -> Periodic:
-    """Return the harmonics up to `most` that fit a record best; their frequency, if it is free, by Gauss and Newton."""
+    """Return the harmonics up to the order `most` that fit a record best.
+
+    If `free`, the frequency is fitted, too, by Gauss and Newton's method from `omega` on [rad s-1].
+    """
     span, squares = np.abs(t).max(), (a**2).sum(axis=0)
-    least = t.size * (1e-15 * np.abs(a).max()) ** 2  # of a record without noise
+    least = t.size * (1e-15 * np.abs(a).max()) ** 2  # squares that rounding leaves of a record without noise
     orders = np.arange(-most, most + 1)
     for _ in range(STEPS):
-        # the normal matrix of exponentials has sums of exponentials only: nothing as long as the record times 33 is kept
+        # the normal matrix needs sums of exponentials only, so no array of record times harmonics is kept
         moments, products = np.zeros((3, 4 * most + 2)), np.zeros((2, a.shape[1], 2 * most + 2))
         for part, waves in _waves(t, omega, 2 * most, np.arange(0, t.size + CHUNK, CHUNK)):
             late = t[part] / span
@@ -86,7 +119,7 @@ def fitted(t: np.ndarray, a: np.ndarray, omega: float, most: int, *, free: bool 
         seen, late_seen = np.concatenate([above[:, :0:-1], above.conj()], axis=1)
         parts = np.linalg.solve(plain, seen)
         weights = t.size / np.maximum(squares - (parts.conj() * seen).sum(axis=0).real, least)
-        slope = 1j * orders[:, None] * parts  # of the model by omega, over t
+        slope = 1j * orders[:, None] * parts  # derivative of the model by omega, without its factor t
         across = first @ slope
         curves = slope.conj() * (second @ slope) - across.conj() * np.linalg.solve(plain, across)
         curve = float(weights @ curves.sum(axis=0).real)
@@ -94,26 +127,26 @@ def fitted(t: np.ndarray, a: np.ndarray, omega: float, most: int, *, free: bool 
         found = Periodic(omega, parts[most:], weights, curve * span**2)
         if not free or abs(change) <= max(SETTLED * omega * span, 1e-3 * curve**-0.5):
             break
-        omega += float(np.clip(change, -1, 1)) / span  # a larger step would leave the line
+        omega += float(np.clip(change, -1, 1)) / span  # at most 1 rad at the ends: a larger step would leave the line
     return found
 
 
 def on_a_grid(t: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the times of samples that an even clock took, where `t` are these, rounded, and the relative error of its pace.
+    """Return the times of an even clock whose rounded times are `t`, and the relative error of its pace.
 
-    Else these are `t`, and no error. Both count from the first one on.
+    If there is no such clock, return `t` and no error (0). All times count from the first one.
 
     Raises
     ------
     ParameterError
-        If they do not increase.
+        If the times do not increase.
     """
     steps, since = np.diff(t), t - t[0]
     wrong, backward = np.flatnonzero(steps <= 0), steps.min() < 0 or since[-1] == 0
     told = f"t = {t[wrong[0] + 1]:.13g} after {t[wrong[0]]:.13g}: the times must increase" if wrong.size else ""
     if backward:
         raise ParameterError(told)
-    # stamps of a coarse clock differ by whole numbers of its steps; single precision is the least
+    # stamps of a coarse clock differ by multiples of its steps; steps are at least those of single precision
     levels = np.diff(np.unique(np.append(steps, 0.0)))
     levels = levels[levels > 4 * np.spacing(np.abs(t).max())]
     rounded = max(levels.min() if levels.size else 0.0, np.spacing(np.float32(since[-1])))
@@ -124,9 +157,8 @@ def on_a_grid(t: np.ndarray) -> tuple[np.ndarray, float]:
         even = places - places.mean()
         even *= even @ since / (even @ even or 1.0)
         if (np.diff(places) > 0).all() and np.ptp(even - since) <= 1.05 * rounded:
-            off = [
-                each.mean() for each in np.array_split(even - since, min(MOST_BLOCKS, t.size))
-            ]  # that rounding repeats after a while
+            # rounding repeats after a while, so its errors are not independent: means of blocks show their size
+            off = [each.mean() for each in np.array_split(even - since, min(MOST_BLOCKS, t.size))]
             return even - even[0], float(np.std(off) * np.sqrt(12 / len(off)) / since[-1])
     if told:
         raise ParameterError(told)
@@ -134,11 +166,14 @@ def on_a_grid(t: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _numbers(t: np.ndarray, rounded: float) -> np.ndarray:
-    """Return the number of each sample by an even clock, some being missing: of the step that most times are multiples of."""
+    """Return the number of each sample by an even clock, whose samples may be missing.
+
+    The clock has the step of which most times are multiples.
+    """
     m = min(FIRST_SAMPLES, t.size - 1)
     strides = t[m:] - t[:-m]
     step = max(float(strides[np.abs(strides - np.median(strides)) <= rounded].mean()) / m, np.spacing(t[-1]))
-    while m < t.size:  # more and more of the times, each of which tells the step more exactly
+    while m < t.size:  # longer and longer stretches give the step more and more exactly
         m = min(2 * m, t.size)
         tried = step * (1 + np.arange(-4, 5) / (8 * m))
         together = [np.exp(2j * np.pi / each * t[:m]).mean() for each in tried]
@@ -148,16 +183,21 @@ def _numbers(t: np.ndarray, rounded: float) -> np.ndarray:
 
 
 def densities(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return frequencies [Hz], and the spectral density of each axis, shape (axes, m)."""
+    """Return frequencies [Hz], shape (m,), and the spectral density of each axis, in units of `a` Hz-1/2, shape (axes,
+    m).
+    """
     count = round(np.ptp(t) / np.median(np.diff(t))) + 1
     even, step = np.linspace(t[0], t[-1], count, retstep=True)
-    window = np.hanning(count + 2)[1:-1]  # so that a line does not hide what is beside it
+    window = np.hanning(count + 2)[1:-1]  # without a window a strong line would hide weak ones beside it
     values = [np.fft.rfft(window * np.interp(even, t, each)) for each in (a - a.mean(axis=0)).T]
     return np.fft.rfftfreq(count, step), np.abs(values) * np.sqrt(2 * step / (window**2).sum())
 
 
 def peaks(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the frequencies of clear lines [Hz], to a small part of a bin, and their amplitudes, the strongest first."""
+    """Return the frequencies of clear lines [Hz], and their amplitudes, the strongest first.
+
+    Frequencies are interpolated by a parabola through the logarithms of three bins.
+    """
     frequencies, density = densities(t, a)
     size = np.linalg.norm(density, axis=0) * np.sqrt(3 * frequencies[1])
     here = (size == maximum_filter1d(size, 2 * NEAR_LINE + 1)) & (
@@ -170,7 +210,7 @@ def peaks(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def trend(t: np.ndarray, rest: np.ndarray, period: float) -> np.ndarray:
-    """Return what of a record changes slowly, over periods: a spline, shape (n, axes)."""
+    """Return the slow change of a record, over several periods: a spline, shape (n, axes)."""
     knots = np.linspace(t[0], t[-1], int(np.ptp(t) / (TREND * period)) + 1)
     edges = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], TREND_PARTS * len(knots), endpoint=False)))
     counts = np.diff(edges, append=t.size)
@@ -181,12 +221,11 @@ def trend(t: np.ndarray, rest: np.ndarray, period: float) -> np.ndarray:
 def without_others(
     t: np.ndarray, a: np.ndarray, rest: np.ndarray, found: Periodic
 ) -> tuple[np.ndarray, list[Periodic]]:
-    """Return a record without the clear lines in what is left of it, and these lines."""
+    """Return a record without the clear lines in its residual `rest`, and these lines."""
     lines: list[Periodic] = []
     frequencies, sizes = peaks(t, rest)
-    clear = (sizes > SMALL_LINE * np.abs(found.parts[1]).max()) & (
-        frequencies > found.f / TREND
-    )  # what is slower is a trend
+    # a line slower than the knots of the trend is part of it
+    clear = (sizes > SMALL_LINE * np.abs(found.parts[1]).max()) & (frequencies > found.f / TREND)
     for frequency in frequencies[clear]:
         order = round(frequency / found.f)
         own = 1 <= order < len(found.parts) and abs(frequency - order * found.f) * np.ptp(t) <= NEAR_LINE
@@ -197,17 +236,21 @@ def without_others(
 
 
 def changes(t: np.ndarray, rest: np.ndarray, found: Periodic, begin: float) -> str:
-    """Return in words how the first line along z changes, if it does, with the times by a clock that shows `begin` at zero.
+    """Return a sentence on how the first line along z changes, "" if it does not.
+
+    Times in it are by a clock that shows `begin` [s] at t = 0.
 
     Raises
     ------
     ParameterError
-        If it changes by too much.
+        If the line changes by more than `STEADY_LINE`.
     """
     at, counts, sums = found.sums(t, rest)
     line, at = 1 + sums[:, 1, 0] / counts / found.parts[1, 0], at + begin
     change = float(np.sqrt((np.abs(line - 1) ** 2).mean()))
-    noise = np.median(np.abs(np.diff(line))) / 1.18  # the median of a difference of two, over the deviation of one
+    noise = (
+        np.median(np.abs(np.diff(line))) / 1.18
+    )  # median of the size of a difference of two, over the deviation of one
     if change <= max(NOISE_CHANGES * noise, TOLD):
         return ""
     sizes, turns = np.abs(line), np.unwrap(np.angle(line)) / (2 * np.pi)

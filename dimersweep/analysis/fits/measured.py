@@ -1,4 +1,4 @@
-"""What was measured of an orbit: some of its quantities, with their errors."""
+"""Measured values of an orbit, with the covariance of their errors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ MEASURABLE: dict[str, Quantity] = {
         for name in ("path_radius", "period", "path_speed", "zeta", "impact_phase", "radius", "speed")
     },
 }
-ABOVE_ZERO = ("path_radius", "radius", "period")  # what a circle has
-SYMMETRIC = 1e-9  # how well a covariance must be, relative to its errors
+ABOVE_ZERO = ("path_radius", "radius", "period")  # quantities of a circle, which must be above 0
+SYMMETRIC = 1e-9  # asymmetry of a covariance that counts as rounding, relative to its errors
 
 
 class Foretelling(Protocol):
-    """A `Track`: it says what an orbit would have been measured as, and what is to be known of it."""
+    """A `Track`: predicts its radius and period for an orbit, and has sentences about itself."""
 
     @property
     def notes(self) -> tuple[str, ...]: ...
@@ -39,18 +39,19 @@ class Measured:
     Attributes
     ----------
     names : tuple of str
-        Among `path_radius`, `period`, `path_speed`, `zeta`, `spin`, `impact_phase`, `radius` and `speed`, as a `PeriodicOrbit`
-        has them: a circle that was seen is that of `path_radius`.
+        Names among `path_radius`, `period`, `path_speed`, `zeta`, `spin`, `impact_phase`, `radius` and `speed`, as a
+        `PeriodicOrbit` has them. The radius of an observed circle is `path_radius`.
     values : ndarray, shape (n,)
-        In SI units; the phase in cycles.
+        Values in SI units; the phase in cycles.
     covariance : ndarray, shape (n, n)
+        Covariance of the errors of the values.
     track : Track, optional
-        That the first two values, `path_radius` and `period`, are read off.
+        Track from which the first two values, `path_radius` and `period`, were read.
 
     Raises
     ------
     ParameterError
-        For an unknown name, or a covariance that is none.
+        For an unknown name, or a covariance that is not symmetric and positive definite.
 
     Examples
     --------
@@ -86,16 +87,17 @@ class Measured:
 
     @classmethod
     def of(cls, measured: Mapping[str, tuple[float, float]]) -> "Measured":
-        """Quantities whose errors are independent.
+        """Return measured values whose errors are independent.
 
         Parameters
         ----------
         measured : mapping of str to (float, float)
-            Of each quantity its value and the standard deviation of its error.
+            Value of each quantity, and the standard deviation of its error.
 
         Raises
         ------
         ParameterError
+            For an unknown name, a value that no orbit can have, or an error that is not above 0.
         """
         if not isinstance(measured, Mapping) or not measured:
             raise ParameterError(f"measured = {measured!r}: must be pairs such as {{'path_radius': (4.24, 0.02)}}")
@@ -111,7 +113,7 @@ class Measured:
         return cls(tuple(measured), values, np.diag(errors**2))
 
     def also(self, **measured: tuple[float, float]) -> "Measured":
-        """These, and others with independent errors, such as `zeta=(1.604, 0.002)`."""
+        """Return these values and further ones with independent errors, such as `zeta=(1.604, 0.002)`."""
         more = Measured.of(measured)
         n = len(self.names)
         covariance = np.zeros((n + len(more.names),) * 2)
@@ -120,7 +122,7 @@ class Measured:
 
     @property
     def errors(self) -> np.ndarray:
-        """Standard deviations, shape (n,)."""
+        """Standard deviations of the errors, shape (n,)."""
         return np.sqrt(np.diag(self.covariance))
 
     def __repr__(self) -> str:
@@ -133,11 +135,12 @@ class Measured:
 
 
 def _measured(name: str, value: Any) -> float:
-    """A measured value, which an orbit can have.
+    """Return a measured value as a number in SI units, if an orbit can have it.
 
     Raises
     ------
     ParameterError
+        If no orbit can have the value.
     """
     units, _, least, most = MEASURABLE[name]
     value = as_number(name, value, units)

@@ -1,4 +1,4 @@
-"""The picture of a fit."""
+"""Draw a fit."""
 
 from typing import Unpack
 
@@ -11,11 +11,16 @@ from dimersweep.analysis.fits.valley import Valley
 from dimersweep.plots.style import Look, board, ink, with_units
 from dimersweep.symbols import PARAMETERS, symbol, units_shown
 
-DEVIATIONS = {2: "#c7dded", 1: "#9dc3de"}  # and how they are filled: opaque, for the parts of a valley overlap
-CORNERS = 181  # of a drawn ellipse
-OVERLAP = 12.0  # of the variance along a valley: a part of it comes to the next point
-TO_NEIGHBOUR = 8  # parts of the way to a neighbour in a valley: ellipses so close have a smooth edge together
-NEIGHBOURS = 2.5  # nearest distances within which points are neighbours: where parts of a valley meet it is two
+# standard deviations that are drawn, with their colours: opaque, as the parts of a valley overlap
+DEVIATIONS = {2: "#c7dded", 1: "#9dc3de"}
+CORNERS = 181  # corners of an ellipse, every 2 degrees
+# factor on the variance along a valley: a part is uniform over a step, so its variance is step**2 / 12, and its ellipse
+# then reaches the next point
+OVERLAP = 12.0
+TO_NEIGHBOUR = 8  # ellipses from a point of a valley to its neighbour: this close they have a smooth edge together
+# distance within which points are neighbours, in their distances to the nearest one: where parts of a valley meet it is
+# two
+NEIGHBOURS = 2.5
 
 
 def draw_fit(
@@ -25,18 +30,23 @@ def draw_fit(
     valley: Valley | None = None,
     **look: Unpack[Look],
 ) -> Figure:
-    """Regions of one and two standard deviations of each pair of free parameters; of one alone, its density.
+    """Draw the regions of one and two standard deviations of each pair of free parameters; of a single one its density.
 
-    With a valley each parameter has a panel of its density and its profile, too, and the axes are as long as the valley.
+    With a valley each parameter has a panel with its density and its profile, too, and the axes are as long as the
+    valley.
 
     Parameters
     ----------
     values : dict
+        Fitted values of the free parameters.
     covariance : ndarray, shape (n, n)
+        Covariance of the values.
     ranges : dict
-        Of the free parameters.
+        Least and greatest value of each free parameter.
     valley : Valley, optional
-    **look : see `dimersweep.plots.Look`
+        Points that cover all values that give the data.
+    **look
+        Looks of the picture, see `dimersweep.plots.Look`.
 
     Returns
     -------
@@ -71,7 +81,7 @@ def draw_fit(
 
 
 def _finer(centres: np.ndarray, *others: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return points of a valley, shape (p, n), and what belongs to them, with more in between neighbours."""
+    """Return the points of a valley, shape (p, n), and other arrays over them, with points in between neighbours added."""
     apart = np.linalg.norm((centres[:, None] - centres) / np.ptp(centres, axis=0), axis=2)
     nearest = np.partition(apart, 1, axis=1)[:, 1]
     a, b = np.nonzero(np.triu(apart <= NEIGHBOURS * np.maximum.outer(nearest, nearest), 1))
@@ -86,14 +96,18 @@ def _finer(centres: np.ndarray, *others: np.ndarray) -> tuple[np.ndarray, ...]:
 def _regions(
     axes: Axes, pair: list[int], centres: np.ndarray, rises: np.ndarray, across: np.ndarray, along: np.ndarray
 ) -> None:
-    """Fill ellipses about points, shape (p, n): as wide as the misfit leaves, and as long as to the next points."""
+    """Fill ellipses about points, shape (p, n): as wide as the misfit leaves, and as long as the way to the next
+    points.
+    """
     angle = np.linspace(0, 2 * np.pi, CORNERS)
     for times, shade in DEVIATIONS.items():
         label: str | None = f"{times} standard deviation{'s' if times > 1 else ''}"
         for k in np.flatnonzero(rises < times**2):
             form = ((times**2 - rises[k]) * across[k] + along[k])[np.ix_(pair, pair)]
             if np.isfinite(form).all():
-                sizes, directions = np.linalg.eigh(form)  # one of a pair may be known exactly
+                sizes, directions = np.linalg.eigh(
+                    form
+                )  # a size is 0, but for rounding, if a parameter is known exactly
                 root = directions * np.sqrt(np.maximum(sizes, 0.0))
                 x, y = centres[k, pair][:, None] + root @ np.array([np.cos(angle), np.sin(angle)])
                 axes.fill(x, y, color=shade, lw=2 if len(centres) > 1 else 0, label=label)
@@ -117,6 +131,7 @@ def _alone(axes: Axes, k: int, value: float, variance: float, valley: Valley | N
 
 
 def _label(name: str) -> str:
+    """Return the label of an axis: the symbol of a parameter with its unit."""
     if name == "spin":
         return with_units(name, units_shown(MEASURABLE[name].units))
     return with_units(symbol(name, tex=True), units_shown(PARAMETERS[name].units))

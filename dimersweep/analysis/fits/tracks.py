@@ -1,8 +1,8 @@
-"""A track of the centre of mass: the circle or the cycloid that fits it, with the covariance of what it gives.
+"""Fit a circle or a cycloid to a track of the centre of mass, with the covariance of its numbers.
 
-No dimer goes round a circle quite evenly. It swings about the mean path within each forcing period, which counts where the
-times are those of few phases of the plate; and its velocity drifts, which counts where a track is long and, where it turns
-against the heading, always. What a track shows of both follows from the orbit: `Track.of`.
+No dimer goes round a circle quite evenly. It swings about the mean path within each forcing period, which counts where
+the times are those of few phases of the plate. Its velocity also drifts. This counts where a track is long and, where
+the velocity turns against the heading, always. `Track.of` computes from the orbit what a track shows of both.
 """
 
 from dataclasses import dataclass, replace
@@ -21,24 +21,31 @@ from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, as_numbers, check_labels
 
-LEAST_TURN = 0.05  # turns in a track that are tried at least
-TURN_PARTS = 4  # rates that are tried in each further turn
-MOST_TURNS_TRIED = 2**20  # in a track that are tried at most: the transforms have 8 million bins then
-PER_STEP = 1.5  # turns in the usual step of the times that are tried at most: half a turn, and an alias either way
-WORTH = 0.35  # share of what the best rate takes off from which one is tried exactly: bins take up to 0.6 of it away
-TRIED, TRIED_POINTS = 64, 2000  # of the best and of the slowest of them that are tried exactly, and on how many points
-RATE_VALLEY = 1.0  # distance of two minima at least, in radians in the whole track
-SAME_TIME = 1e-9  # step of the times, over the whole track, up to which it comes of rounding
-FEW_POINTS = 0.25  # share of the times that have fewer rows than most
-CHANCE_OF_ALIAS = 0.0027  # probability of a misfit so much above the best one from which on it is about as good
-TIME_ROUNDING = 1e-9  # error of a coordinate at least, in radii: that of numbers without errors
-FAST_TURN, FASTER = 1.0, 10.0  # speed of a fast dimer [m s-1]; how much faster than it, or than the track, none is
-APART_IN_TIME = 3.0  # errors from which on it is told how far places of one time are apart
-LEAST_OWN = 1e-3  # share of a circle that is none of what stands still, below which it is not told apart
-SLOW_POINTS = 20  # points of a track, with which two further coefficients cost little
-SPIRAL_STEPS = 64  # of a turn, by which the path of an orbit is summed
-CYCLOID = ("path_radius", "period", "x", "y", "v_x", "v_y")  # numbers of one; those of a circle are the first four
-Minimum = tuple[float, np.ndarray]  # of the misfit: a rate, in radians in the whole track, and coefficients
+LEAST_TURN = 0.05  # least turn over a whole track that is tried [turns]
+TURN_PARTS = 4  # rates that are tried in each further turn: a minimum is about a turn wide
+MOST_TURNS_TRIED = 2**20  # most turns over a whole track that are tried: the transforms have 8 million bins then
+# most turns in the usual step of the times that are tried: half a turn, and its alias a whole turn further
+PER_STEP = 1.5
+# share of the best gain from which a rate is tried exactly, the gain being the squares that a rate explains by the
+# spectra: times are put into bins, so at the end of the spectrum only sinc(1/2)^2 = 0.4 of it is seen
+WORTH = 0.35
+# rates that are tried exactly (this number of the best and of the slowest ones), and points of the track that are used
+# there
+TRIED, TRIED_POINTS = 64, 2000
+RATE_VALLEY = 1.0  # least distance of two minima, in radians over the whole track: nearer ones are the same
+SAME_TIME = 1e-9  # step of the times that counts as rounding, over the span of the track
+FEW_POINTS = 0.25  # quantile of the numbers of rows with one time that counts as the usual number
+CHANCE_OF_ALIAS = 0.0027  # probability of a misfit above the best one by chance, from which a minimum is about as good
+TIME_ROUNDING = 1e-9  # least error of a coordinate, in radii: that of numbers without errors
+# speed of a fast dimer [m s-1]; factor over it, or over the speed of the slowest circle, above which no dimer moves
+FAST_TURN, FASTER = 1.0, 10.0
+APART_IN_TIME = 3.0  # distance of places of one time, in errors, above which a note reports it
+# share of a circle that no centre and no velocity of it explains, below which the circle is not told apart from them
+LEAST_OWN = 1e-3
+SLOW_POINTS = 20  # different times from which on two further coefficients for a slow drift cost little
+SPIRAL_STEPS = 64  # steps in a turn with which the path of an orbit is summed
+CYCLOID = ("path_radius", "period", "x", "y", "v_x", "v_y")  # numbers of a cycloid; a circle has the first four
+Minimum = tuple[float, np.ndarray]  # a minimum of the misfit: rate [rad per track], coefficients of `_basis`
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,23 +55,23 @@ class Track:
     Attributes
     ----------
     values : dict
-        `path_radius` [m] and `period` [s] of the turn, the centre `x`, `y` [m] in the middle of the track's times, and its
-        velocity `v_x`, `v_y` [m s-1] if it moves.
+        `path_radius` [m] and `period` [s] of the turn. `x` and `y` [m] of the centre in the middle of the times. `v_x`
+        and `v_y` [m s-1] of the centre, if it moves.
     covariance : ndarray, shape (n, n)
-        Of these, in their order.
+        Covariance of these values, in their order.
     sense : int
-        1 if it turns counterclockwise, else -1.
+        1 if the track turns counterclockwise, else -1.
     sigma : float
-        Standard deviation of the error of each coordinate [m]: the given one, or what the residuals say, less what is left of
-        them because rate and radius drift slowly.
+        Standard deviation of the error of each coordinate [m]: as the user gives it, or from the residuals, without the
+        part of them that a slow drift of rate and radius explains.
     times : ndarray, shape (n,)
-        Those that count [s]: in order, without copies of a row and the ends of rounded times.
+        Times that are used [s]: in order, without copies of a row and without the ends of rounded times.
     moving : bool
-        Whether the centre may move, as that of a cycloid.
+        True if the centre may move, as for a cycloid.
     others : tuple of Track
-        Faster turns that fit about as well, because the times do not tell them from this one; those too fast are left out.
+        Faster turns that fit about as well, since the times are too few; turns too fast for a dimer are left out.
     notes : tuple of str
-        In words, what else is to be known: there are others, the speed is none of a dimer, the places of one time differ.
+        Sentences for the user: that there are others, that no dimer is so fast, that places of one time differ.
 
     Examples
     --------
@@ -92,7 +99,7 @@ class Track:
 
     @property
     def errors(self) -> dict[str, float]:
-        """Standard deviations."""
+        """Standard deviations of the values."""
         return dict(zip(self.values, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
 
     @property
@@ -101,12 +108,12 @@ class Track:
         return Measured(CYCLOID[:2], np.array(list(self.values.values())[:2]), self.covariance[:2, :2], self)
 
     def of(self, orbit: PeriodicOrbit) -> np.ndarray:
-        """The `path_radius` and the `period` that a track of an orbit at these times gives, shape (2,).
+        """Return `path_radius` [m] and `period` [s] that a track of `orbit` with these times would have, shape (2,).
 
-        Times count from the moment at which the plate has the phase `phi0` of the orbit's parameters. The spin is that of the
-        orbit in the middle of them, where it drifts evenly from impact to impact. Before and after it the heading's rate and
-        the velocity seen from there change by what the orbit says, ever less or more by the slow multiplier; the velocity is
-        summed.
+        Times count from the moment at which the plate has the phase `phi0` of the parameters of the orbit. The orbit
+        has its spin in the middle of the times. Before and after it the rate of the heading, and the velocity seen from
+        the heading, drift evenly from impact to impact, ever less or more by the slow multiplier. The velocity is
+        summed to a path, which is fitted.
         """
         f, rate, path = orbit.parameters["f"], abs(orbit.precession_rate), orbit.path
         phases = TURN * f * self.times + orbit.parameters["phi0"]
@@ -115,7 +122,9 @@ class Track:
         fades = (orbit.slow_multiplier - 1) * f / orbit.periods
         span = float(np.ptp(self.times))
         t = span * _scaled(self.times)
-        t += 0.5 * orbit.periods / f  # the rate is the mean of the period up to the impact that the spin is told after
+        # the spin is that after an impact, but the rate is the mean over the period before: its time is half a period
+        # earlier
+        t += 0.5 * orbit.periods / f
         at = np.linspace(t.min(), t.max(), int(SPIRAL_STEPS * rate * span / TURN) + SPIRAL_STEPS)
         pace = at * exprel(fades * at)
         turned = CubicSpline(at, rate * (1 + quickens * pace)).antiderivative()
@@ -131,18 +140,18 @@ class Track:
 
 
 def circle(t: Any, x: Any, y: Any, sigma: float | str | None = None) -> Track:
-    """The circle that a track of the centre of mass goes round evenly.
+    """Fit even motion on a circle to a track of the centre of mass.
 
     Parameters
     ----------
     t : array_like, shape (n,)
-        Times [s] since the plate had the phase `phi0`, in any order; more than two to a turn. Rates are tried up to one and a
-        half turns in their median step. The slowest counts of those that fit about as well as the best; the others are told.
-        Points of one time count with their mean, and copies of a row once.
+        Times [s] since the plate had the phase `phi0`, in any order; more than two to a turn. Rates are tried up to one
+        and a half turns in the median step of the times. Among those that fit about as well as the best, the slowest
+        one counts, and a note lists the others. Points of one time count with their mean, and copies of a row once.
     x, y : array_like, shape (n,)
         Places of the centre of mass [m].
     sigma : float, optional
-        Standard deviation of the error of each coordinate [m]; by default as the residuals say.
+        Standard deviation of the error of each coordinate [m]; by default from the residuals.
 
     Returns
     -------
@@ -151,7 +160,7 @@ def circle(t: Any, x: Any, y: Any, sigma: float | str | None = None) -> Track:
     Raises
     ------
     ParameterError
-        If these are no tracks of one length, or too short ones, or the track does not turn by enough.
+        If the columns differ in length, are too short, or the track turns too little to have a radius.
 
     Examples
     --------
@@ -165,13 +174,16 @@ def circle(t: Any, x: Any, y: Any, sigma: float | str | None = None) -> Track:
 
 
 def cycloid(t: Any, x: Any, y: Any, sigma: float | str | None = None) -> Track:
-    """The cycloid that fits a track: even motion on a circle whose centre moves evenly, as on a plate not quite level.
+    """Fit a cycloid to a track of the centre of mass: even motion on a circle whose centre moves evenly.
+
+    The centre moves on a plate that is not quite level.
 
     Parameters
     ----------
     t, x, y : array_like, shape (n,)
-        As for `circle`.
+        Track, as for `circle`.
     sigma : float, optional
+        Standard deviation of the error of each coordinate [m], as for `circle`.
 
     Returns
     -------
@@ -195,6 +207,7 @@ def cycloid(t: Any, x: Any, y: Any, sigma: float | str | None = None) -> Track:
 
 
 def _track(t: Any, x: Any, y: Any, sigma: float | str | None, moving: bool) -> Track:
+    """Return the slowest circle or cycloid that fits a track about as well as the best one, with the others."""
     times, place, scatter = _checked(t, x, y, sigma, moving)
     minima = _minima(_scaled(times), place, moving)
     speeds = [abs(rate * coefficients[-1]) / np.ptp(times) for rate, coefficients in minima]
@@ -220,7 +233,7 @@ def _read(times: np.ndarray, place: np.ndarray, sigma: float | None, minimum: Mi
     around, units = coefficients[-1], np.array([1.0, span])[: coefficients.size - 1]
     radius, period = float(abs(around)), TURN * span / abs(rate)
     values = [radius, period, *(coefficients[:-1] / units).view(float).tolist()]
-    G = np.zeros((len(values), J.shape[1]))  # derivatives of these
+    G = np.zeros((len(values), J.shape[1]))  # derivatives of the values by rate and coefficients
     G[0, -2:], G[1, 0] = (around.real / radius, around.imag / radius), -period / rate
     G[2:, 1:-2] = np.diag(np.repeat(1 / units, 2))
     back = sigma * G @ np.linalg.pinv(J)
@@ -228,7 +241,9 @@ def _read(times: np.ndarray, place: np.ndarray, sigma: float | None, minimum: Mi
     if TURN * radius / period > FASTER * FAST_TURN:
         notes.append(f"a dimer at {TURN * radius / period:.3g} m/s is too fast: x and y must be in m, t in s")
     if abs(within) > APART_IN_TIME * sigma:
-        nearer = within.real**2 / (2 * radius)  # is the mean of points along an arc to its centre
+        nearer = within.real**2 / (
+            2 * radius
+        )  # distance by which the mean of points along an arc is nearer to the centre
         covariance[0, 0] += nearer**2
         notes.append(
             f"places of one time differ by {2**0.5 * abs(within):.2g} m: their mean counts, the centre of two balls; "
@@ -246,7 +261,7 @@ def _read(times: np.ndarray, place: np.ndarray, sigma: float | None, minimum: Mi
 
 
 def _checked(t: Any, x: Any, y: Any, sigma: Any, moving: bool) -> tuple[np.ndarray, np.ndarray, float | None]:
-    """Times and places x + iy of a track, each row once, and the error of a coordinate where it is given."""
+    """Return times and places x + iy of a track, each row once, and the error of a coordinate, if any; all checked."""
     given = (("t", t, "s"), ("x", x, "m"), ("y", y, "m"))
     times, *places = (as_numbers(name, values, units) for name, values, units in given)
     check_labels({"t": t, "x": x, "y": y})
@@ -266,10 +281,11 @@ def _checked(t: Any, x: Any, y: Any, sigma: Any, moving: bool) -> tuple[np.ndarr
 
 
 def _rows(times: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the rows of a track by time without copies, and how many times they have.
+    """Return the times and places of a track in order, without copies of a row, and the number of different times.
 
-    Where most times have several rows, one with a single row is left out, which may be that of one ball. So is the first or
-    the last one with fewer rows than most: of rounded times it has a part only, whose mean is at another time.
+    Where most times have several rows, a time with a single row is left out: it may be of one ball only. So is the
+    first or the last time if it has fewer rows than most. Of rounded times it has a part only, whose mean belongs to
+    another time.
     """
     order = np.argsort(times, kind="stable")
     times, place = times[order], place[order]
@@ -286,12 +302,12 @@ def _rows(times: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def _step(times: np.ndarray) -> float:
-    """Return the usual step of the times."""
+    """Return the usual (median) step of the times."""
     return float(np.median(np.diff(np.unique(times))))
 
 
 def _slopes(s: np.ndarray, rate: float, coefficients: np.ndarray) -> np.ndarray:
-    """Derivatives of x and y of a track by the rate, and by the real and the imaginary part of each coefficient."""
+    """Return the derivatives of x and y by the rate, and by the real and the imaginary part of each coefficient."""
     A = _basis(s, rate, coefficients.size == 3)
     parts = (factor * column for column in A.T for factor in (1, 1j))
     columns = np.column_stack([1j * s * A[:, -1] * coefficients[-1], *parts])
@@ -299,12 +315,11 @@ def _slopes(s: np.ndarray, rate: float, coefficients: np.ndarray) -> np.ndarray:
 
 
 def _scatter(s: np.ndarray, place: np.ndarray, rate: float, coefficients: np.ndarray) -> tuple[float, complex, float]:
-    """Return the standard deviation of a coordinate, that within one time, and what chance adds to a sum of squares.
+    """Return the error of a coordinate, the distance of places of one time, and what chance adds to a sum of squares.
 
-    That within one time is told along the path, and across it as an imaginary part.
-
-    What a rate and a radius explain that change is no error. Of many times that is a change to second order, of few an even
-    one. Points of one time count with their mean: two balls lie on either side of it.
+    The error is the standard deviation without what a slow drift of rate and radius explains. With many times that is a
+    change to second order, with few a linear one. Points of one time count with their mean, as two balls lie on both
+    sides of it. Their distance is complex: its real part lies along the path, its imaginary part across.
     """
     s, group, counts = np.unique(s, return_inverse=True, return_counts=True)
     mean = (np.bincount(group, place.real) + 1j * np.bincount(group, place.imag)) / counts
@@ -328,7 +343,7 @@ def _scaled(times: np.ndarray) -> np.ndarray:
 
 
 def _basis(s: np.ndarray, rate: float, moving: bool) -> np.ndarray:
-    """What places x + iy are sums of: a centre, its velocity, even motion on a circle; one a column."""
+    """Return the columns whose sum is a track x + iy: a centre, its velocity if it moves, and even motion on a circle."""
     still = [np.ones(s.size), s] if moving else [np.ones(s.size)]
     return np.column_stack([*still, np.exp(1j * rate * s)])
 
@@ -336,7 +351,7 @@ def _basis(s: np.ndarray, rate: float, moving: bool) -> np.ndarray:
 def _minima(s: np.ndarray, place: np.ndarray, moving: bool) -> list[Minimum]:
     """Return the minima of the misfit that fit about as well as the best one, the slowest first.
 
-    Rates that are worth it are tried on some of the points, and the best of them on all.
+    Promising rates are tried with some of the points, and the best of them with all.
     """
     some = np.sort(np.random.default_rng(0).permutation(s.size)[:TRIED_POINTS])
     slow = TURN * np.geomspace(LEAST_TURN, 1, 16)
@@ -348,7 +363,7 @@ def _minima(s: np.ndarray, place: np.ndarray, moving: bool) -> list[Minimum]:
 
 
 def _alike(s: np.ndarray, place: np.ndarray, rates: list[float], moving: bool) -> list[Minimum]:
-    """Return the minima of the misfit near given rates that fit about as well as the best of them, the slowest first."""
+    """Return the minima near `rates` that fit about as well as the best of them, the slowest first."""
     minima = [_refined(s, place, rate, moving) for rate in rates]
     misses = [np.linalg.norm(_basis(s, rate, moving) @ coefficients - place) ** 2 for rate, coefficients in minima]
     order = np.argsort(misses)
@@ -361,11 +376,11 @@ def _alike(s: np.ndarray, place: np.ndarray, rates: list[float], moving: bool) -
 
 
 def _fast_rates(s: np.ndarray, place: np.ndarray, moving: bool) -> np.ndarray:
-    """The rates of more than a turn at which a circle takes more squares of a track off than all around, by its spectra.
+    """Return rates of more than a turn at which a circle explains more squares of a track than at rates around.
 
-    The usual step of the times says which are tried. Times are put into bins. With the sums of e = exp(i rate s), of s e and of
-    the conjugate of e times the place, which their transforms are, what a circle takes off beside a centre, or a centre that
-    moves, is a quotient at each rate.
+    Times are put into bins, whose usual step limits the rates. The transforms of the bins are the sums of e = exp(i
+    rate s), of s e and of the conjugate of e times the place. From them follow the squares that a circle explains
+    beside a centre, fixed or moving: a quotient at each rate.
     """
     most = next_fast_len(int(min(PER_STEP / _step(s), MOST_TURNS_TRIED)) + 1)
     bins, length = 2 * most, 2 * most * TURN_PARTS
@@ -374,29 +389,30 @@ def _fast_rates(s: np.ndarray, place: np.ndarray, moving: bool) -> np.ndarray:
     left = place - still @ (still.T @ place)
 
     def spectrum(values: np.ndarray) -> np.ndarray:
-        """Sums of values times exp(-i rate s), but for a phase, at rates of a turn over TURN_PARTS and its multiples."""
+        """Return the sums of values times exp(-i rate s), but for a phase, at multiples of 1 / TURN_PARTS turns."""
         parts = [np.bincount(which, part, bins) for part in (values.real, values.imag)]
         return fft(parts[0] + 1j * parts[1], length)
 
-    # a circle less its share in what stands still has so many squares left
+    # squares of a circle without the part of it that a centre (and its velocity) explains
     own = s.size - sum(np.abs(spectrum(column)) ** 2 for column in still.T)
     taken = np.abs(spectrum(left)) ** 2 / np.maximum(own, LEAST_OWN * s.size)
     turns = fftfreq(length, 1 / length) / TURN_PARTS
-    taken[np.abs(turns) < 1] = 0.0
+    taken[np.abs(turns) < 1] = 0.0  # slower rates are tried one by one
     peaks = np.flatnonzero((taken > WORTH * taken.max()) & (taken >= np.roll(taken, 1)) & (taken >= np.roll(taken, -1)))
     here, ahead, back = taken[peaks], taken[(peaks + 1) % length], taken[peaks - 1]
-    height = here + (ahead - back) ** 2 / np.maximum(8 * (2 * here - ahead - back), here)  # of a parabola
+    height = here + (ahead - back) ** 2 / np.maximum(8 * (2 * here - ahead - back), here)  # top of a parabola
     chosen = [np.argsort(order)[:TRIED] for order in (-height, np.abs(turns[peaks]))]
     return TURN * turns[peaks[np.union1d(*chosen)]]
 
 
 def _solved(A: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the coefficients of least squares, and the norm of the residuals."""
     coefficients = np.linalg.lstsq(A, place, rcond=None)[0]
     return coefficients, float(np.linalg.norm(A @ coefficients - place))
 
 
 def _refined(s: np.ndarray, place: np.ndarray, rate: float, moving: bool) -> tuple[float, np.ndarray]:
-    """The rate and the coefficients of least squares, from a rate nearby."""
+    """Return the rate and the coefficients of least squares, from a rate nearby."""
 
     def residual(p: np.ndarray) -> np.ndarray:
         miss = _basis(s, p[0], moving) @ p[1:].view(complex) - place

@@ -1,4 +1,4 @@
-"""The plate as it was measured: harmonics of its motion from a record of accelerations, their file and their picture."""
+"""Waveforms of a measured plate: fit harmonics to a record of accelerations, save and draw them."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -22,19 +22,25 @@ from dimersweep.symbols import BASE
 
 Waves = dict[str, dict[int, tuple[float, float]]]
 MEASURED_AXES = ("z", "x", "y")
-LEAST_PERIODS = 20  # of a record: fewer do not tell the harmonics from what lies between them
-PER_PERIOD = 2.5  # samples in a period of the highest harmonic, at least
-GAP_PERIODS = 0.5  # periods without a sample, from which the record has a gap
+LEAST_PERIODS = 20  # least length of a record [periods]: a shorter one does not resolve what lies between the harmonics
+PER_PERIOD = 2.5  # least number of samples in a period of the highest harmonic: above the 2 of Nyquist's limit
+GAP_PERIODS = 0.5  # time without a sample that counts as a gap [periods]
 SURE = 4.0  # errors above which a harmonic is kept
-# by which a frequency that is given may be off: cycles over the record; to look for its line
+# how far a given frequency may be off: cycles over the record, of the fitted one; relative, when its line is looked for
 DRIFT, NEAR_GIVEN = 0.25, 0.02
-LINE_SHARE = 0.1  # of the strongest line, from which one may be the shaker's
-MAINS, MAINS_OFF = (50.0, 60.0), 0.3  # Hz, and by how much they and the clock of a record are off
-GRAVITY_ALONG = 0.2  # of g, by which the mean of an axis along gravity may be off
-# samples at the end of a range if it is clipped: times as many as of a sine, and how many
+LINE_SHARE = 0.1  # amplitude over the strongest line from which a line may be that of the shaker
+MAINS, MAINS_OFF = (
+    (50.0, 60.0),
+    0.3,
+)  # frequencies of the mains [Hz], and how far they and the clock of a record are off [Hz]
+GRAVITY_ALONG = 0.2  # part of g by which the mean of an axis along gravity may differ from g
+# number of samples at an end of the range that shows clipping: over the number of a sine, and at least
 CUT_PEAKS, LEAST_CUT = 2.0, 20
-SLOW, REDDER = 3, 4.0  # slowest waves of a phase, that are so much greater than the fast ones if a clock wanders
-WALK = 8.0  # twice the 4.0 that a random walk of the phase has over their squares: three of them tell it to 40 % only
+# number of the slowest waves of a phase, and the factor over the fast ones that shows a wandering clock
+SLOW, REDDER = 3, 4.0
+# level of a random walk of the phase at zero frequency over that of its slowest waves: 4.0, doubled since the mean of
+# three waves is uncertain by 40 %
+WALK = 8.0
 SHOWN = 4  # other lines that are printed
 
 
@@ -47,19 +53,20 @@ class Waveform:
     f : float
         Frequency [Hz].
     waves : dict
-        Of each axis "z", "x", "y" its harmonics: by order, intensity [1] and phase [rad], as in `Parameters`; the phase of the
-        first one along z is zero.
+        Harmonics of each axis "z", "x", "y": by order, intensity [1] and phase [rad], as in `Parameters`. The phase of
+        the first one along z is zero.
     errors : dict
-        Standard deviations of both, and of f [Hz] with the key "f"; empty where they are not known.
+        Standard deviations of intensity and phase, in the same places, and of f [Hz] with the key "f"; empty if
+        unknown.
     rest : dict
-        Of each axis what of the record is not periodic, over all of it: root mean square [1]. Constants do not count.
+        Root mean square [g] of the part of the record that is not periodic, by axis. Constants do not count.
     spectrum : tuple of ndarray
-        Frequencies [Hz], and for each axis the spectral density of the record without its trend, and of its rest [g Hz-1/2],
-        shape (2, axes, m).
+        Frequencies [Hz], and spectral densities [g Hz-1/2] of the record without its trend and of the part that is not
+        periodic, shape (2, axes, m).
     others : dict
-        Further lines in the record, the strongest first: by frequency [Hz], of each axis their amplitude [1].
+        Further lines in the record, the strongest first: by frequency [Hz], and then by axis, their amplitude [g].
     notes : tuple of str
-        In words, what else is to be known: an accelerometer upside down, peaks that are cut, a line that changes.
+        Sentences for the user: an accelerometer upside down, peaks that are cut, a line that changes.
 
     Examples
     --------
@@ -82,7 +89,7 @@ class Waveform:
 
     @property
     def harmonics(self) -> dict[str, Any]:
-        """What `harmonics` of a run takes: the axes, and f."""
+        """The waveform as the argument `harmonics` of a run: f, and the harmonics of each axis."""
         return {"f": self.f, **self.waves}
 
     @classmethod
@@ -95,34 +102,34 @@ class Waveform:
         axes: Sequence[str] | Mapping[str, Any] | None = None,
         g: float = BASE["g"],
     ) -> "Waveform":
-        """The harmonics in a record of accelerations, by least squares.
+        """Fit harmonics to a record of accelerations, by least squares.
 
         Parameters
         ----------
         t : array_like, shape (n,), or label
             Times [s], or the label of their column in `a`: a text, a number or a tuple.
         a : array_like, shape (n,) or (n, k), or a table
-            Accelerations of the plate [m s-2]; a constant, such as gravity, and a trend do not count. Where the mean of z is
-            about -g, z is turned over.
+            Accelerations of the plate [m s-2]. A constant, such as gravity, and a trend do not count. If the mean of z
+            is about -g, the sign of z is changed.
         f : float, optional
-            Frequency [Hz] by the clock of the record; by default it is fitted, from that line along z on which has most of the
-            others as harmonics, is not of the mains, and has the greatest velocity.
+            Frequency [Hz] by the clock of the record. By default it is fitted, starting from the line along z that has
+            most of the others as harmonics, is not of the mains, and has the greatest velocity.
         axes : sequence of str, or mapping of str to label, optional
-            Of each column of `a` its axis, "z", "x" or "y", "z" among them; of a table, of each axis its column. By default
-            "z", or the columns of these names.
+            Axis of each column of `a`: "z", "x" or "y", "z" among them. For a table, the column of each axis. By
+            default "z", or the columns of these names.
         g : float
             Gravity [m s-2].
 
         Returns
         -------
         Waveform
-            With those harmonics that are above four times their errors.
+            Waveform with the harmonics that are above four times their errors.
 
         Raises
         ------
         ParameterError
-            For a record with gaps, one that is too short or too coarse, or one of another frequency; and where the line of the
-            shaker is not there from end to end, or as much is left beside the lines as it has.
+            For a record with gaps, one that is too short or too coarse, or one of another frequency than `f`. Also if
+            the line of the shaker changes or stops within the record, or is no greater than the noise.
 
         Examples
         --------
@@ -159,7 +166,7 @@ class Waveform:
                 f"a (z): {noise / g:.3g} g are left beside the lines, as much as that at {found.f:.6g} Hz has; "
                 f"must be less{''.join(f'; {note}' for note in notes)}"
             )
-        # without noise the error of quantisation is the same in each period
+        # without noise the error of quantisation repeats in each period, so it does not average out
         coarse = np.where(2 * rest.std(axis=0) < quanta, quanta * np.sqrt(found.f * np.ptp(t) / t.size / 6), 0.0)
         waves, errors = _waves(found, t, rest, coarse / g, names, g)
         rest = found.taken_from(t, a)
@@ -176,12 +183,12 @@ class Waveform:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "Waveform":
-        """A waveform that was saved, without its errors.
+        """Load a waveform that was saved; errors are not stored in a form that is read.
 
         Raises
         ------
         ParameterError
-            If it cannot be read, or is none.
+            If the file cannot be read, or has no waveform.
 
         Examples
         --------
@@ -205,12 +212,12 @@ class Waveform:
         return cls(float(plate.f), waves)
 
     def save(self, path: str | os.PathLike[str], *, force: bool = False) -> None:
-        """Write it to a file of TOML, which `harmonics` of a run, of a sweep file and of the command line takes.
+        """Write the waveform to a TOML file, which runs, sweep files and the command line take as `harmonics`.
 
         Raises
         ------
         ParameterError, StoreError
-            If it cannot be written, or exists and is not to be replaced.
+            If the file cannot be written, or exists and `force` is False.
 
         Examples
         --------
@@ -236,12 +243,14 @@ class Waveform:
             temporary.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
     def acceleration(self, cycles: Any, axis: str = "z") -> np.ndarray:
-        """Acceleration of the plate along an axis, in g, at times in forcing periods."""
+        """Return the acceleration of the plate along an axis [g], at times in forcing periods."""
         angles = 2 * np.pi * as_numbers("cycles", cycles)
         return np.sum([-size * np.sin(k * angles + phase) for k, (size, phase) in self.waves[axis].items()], axis=0)
 
     def plot(self, **look: Unpack[Look]) -> Figure:
-        """One period of each axis, and the spectra of the record and of what of it is not periodic; `look` as in `plots.Look`.
+        """Draw one period of each axis, and the spectra of the record and of the part that is not periodic.
+
+        `look` is as in `plots.Look`.
 
         Examples
         --------
@@ -286,7 +295,7 @@ class Waveform:
 
 
 def _record(t: Any, a: Any, axes: Any) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Times, accelerations of shape (n, axes), and the names of the axes, z first."""
+    """Return times [s], accelerations [m s-2] of shape (n, axes), and the names of the axes, z first; all checked."""
     if hasattr(a, "columns") or hasattr(a, "data_vars") or isinstance(a, Mapping):
         there = list(getattr(a, "column_names", getattr(a, "columns", getattr(a, "variables", a))))
         found = [name for name in MEASURED_AXES if name in there] or ["z"]
@@ -314,17 +323,17 @@ def _record(t: Any, a: Any, axes: Any) -> tuple[np.ndarray, np.ndarray, list[str
 
 
 def _start(t: np.ndarray, a: np.ndarray, given: float | None, begin: float) -> tuple[float, float, int]:
-    """Return the frequency to start from [Hz], that of the shaker, and how many harmonics a record shows.
+    """Return a frequency to start from, the frequency of the shaker [Hz], and the number of harmonics in the record.
 
-    Of the lines along z the shaker's is the one, not of the mains, that has most of the others as harmonics; of several the one
-    of the greatest velocity.
+    The line of the shaker is the line along z, not of the mains, that has most of the others as harmonics. Of several
+    it is the one with the greatest velocity.
     """
     places, sizes = lines.peaks(t, detrend(a[:, :1], axis=0))
     places, sizes = (each[sizes > lines.SMALL_LINE**2 * np.abs(a[:, 0]).max()] for each in (places, sizes))
     if not places.size:
         raise ParameterError("a (z): has no line, as the acceleration of a shaker has")
     strong = places[sizes >= LINE_SHARE * sizes[0]]
-    orders = np.rint(np.divide.outer(strong, strong))  # of each line on each
+    orders = np.rint(np.divide.outer(strong, strong))  # order of each line (row) as a harmonic of each (column)
     harmonic = (np.abs(strong[:, None] - orders * strong) * np.ptp(t) < 0.5) & (orders >= 1) & (orders <= HARMONICS)
     mains = np.abs(np.subtract.outer(strong, MAINS)).min(axis=1) < MAINS_OFF
     shaker = start = max(zip(~mains, harmonic.sum(axis=0), sizes[: strong.size] / strong, strong, strict=True))[-1]
@@ -343,7 +352,7 @@ def _start(t: np.ndarray, a: np.ndarray, given: float | None, begin: float) -> t
 
 
 def _seen(a: np.ndarray, names: list[str], g: float) -> list[str]:
-    """Turn z over where the accelerometer was upside down, and return in words what is to be seen of how it measured."""
+    """Return sentences on how the accelerometer was mounted and clipped; change the sign of z if it was upside down."""
     notes, means = [], a.mean(axis=0)
     if means[0] < (GRAVITY_ALONG - 1) * g:
         notes.append(f"z: the mean is {means[0]:.4g} m/s2, so the accelerometer was upside down; z is turned over")
@@ -355,7 +364,7 @@ def _seen(a: np.ndarray, names: list[str], g: float) -> list[str]:
             notes.append(f"z: the mean is {mean:.4g} m/s2; of a record in units of g, g is 1")
         for end in (values.min(), values.max()):
             at_end, gap = int((values == end).sum()), np.abs(values[values != end] - end).min(initial=np.inf)
-            sine = len(values) * np.sqrt(4 * gap / np.ptp(values)) / np.pi  # that many are within a gap of its peak
+            sine = len(values) * np.sqrt(4 * gap / np.ptp(values)) / np.pi  # samples of a sine within a gap of its peak
             if at_end > max(LEAST_CUT, CUT_PEAKS * sine):
                 notes.append(f"{name}: {at_end / len(values):.2%} of the values are {end:.6g} m/s2: its peaks are cut")
     return notes
@@ -364,13 +373,14 @@ def _seen(a: np.ndarray, names: list[str], g: float) -> list[str]:
 def _waves(
     found: lines.Periodic, t: np.ndarray, rest: np.ndarray, coarse: np.ndarray, names: list[str], g: float
 ) -> tuple[Waves, dict[str, Any]]:
-    """Return the harmonics of each axis that are above their errors, with these, and that of f.
+    """Return the harmonics of each axis that are above their errors, and the errors of these and of f.
 
-    Each block adds its part of what is left to a harmonic; noise shifts the harmonic as much as it moves these parts from
-    block to block. Amplitude and phase have errors of their own: jitter moves the phase more.
+    Each block of the record adds its part of the residual to a harmonic. Noise shifts the harmonic as much as it moves
+    these parts from block to block. Amplitude and phase have errors of their own, as jitter moves the phase more.
     """
     times, _, sums = found.sums(t, rest)
-    parts, shifts = -2j / g * found.parts, -2j / g / t.size * sums  # Gamma_k exp(i phi_k)
+    # the plate accelerates as -Gamma_k g sin(k omega t + phi_k), so these are Gamma_k exp(i phi_k)
+    parts, shifts = -2j / g * found.parts, -2j / g / t.size * sums
     sizes, phases, orders = np.abs(parts), np.angle(parts), np.arange(len(parts))[:, None]
     along = shifts * np.exp(-1j * phases)
     turned = along.imag / np.maximum(sizes, 1e-300)
@@ -393,7 +403,9 @@ def _waves(
 
 
 def _wander(pulls: np.ndarray) -> float:
-    """Return the level of pulls on the frequency that a clock which wanders has at its slowest; 0 where it does not."""
+    """Return the level of the pulls on the frequency that a wandering clock has at zero frequency; 0 for a steady
+    clock.
+    """
     powers = np.abs(np.fft.rfft(pulls)[1:]) ** 2
     slow = powers[:SLOW] * np.arange(1, SLOW + 1) ** 2
     wanders = powers[:SLOW].mean() > REDDER * powers[len(powers) // 2 :].mean()
