@@ -1,4 +1,4 @@
-"""The likelihood of parameters in given ranges, that is the probability density of the measured values."""
+"""The likelihood of parameters within ranges: the probability density of the measured values."""
 
 from collections.abc import Mapping
 

@@ -81,7 +81,7 @@ def draw_fit(
 
 
 def _finer(centres: np.ndarray, *others: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Return the points of a valley, shape (p, n), and other arrays over them, with points in between neighbours added."""
+    """Return the points of a valley, shape (p, n), and arrays over them, with points between neighbours added."""
     apart = np.linalg.norm((centres[:, None] - centres) / np.ptp(centres, axis=0), axis=2)
     nearest = np.partition(apart, 1, axis=1)[:, 1]
     a, b = np.nonzero(np.triu(apart <= NEIGHBOURS * np.maximum.outer(nearest, nearest), 1))

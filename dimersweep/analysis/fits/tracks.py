@@ -343,7 +343,7 @@ def _scaled(times: np.ndarray) -> np.ndarray:
 
 
 def _basis(s: np.ndarray, rate: float, moving: bool) -> np.ndarray:
-    """Return the columns whose sum is a track x + iy: a centre, its velocity if it moves, and even motion on a circle."""
+    """Return the columns whose sum is a track x + iy: a centre, its velocity if it moves, even motion on a circle."""
     still = [np.ones(s.size), s] if moving else [np.ones(s.size)]
     return np.column_stack([*still, np.exp(1j * rate * s)])
 

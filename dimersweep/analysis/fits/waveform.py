@@ -38,8 +38,8 @@ GRAVITY_ALONG = 0.2  # part of g by which the mean of an axis along gravity may 
 CUT_PEAKS, LEAST_CUT = 2.0, 20
 # number of the slowest waves of a phase, and the factor over the fast ones that shows a wandering clock
 SLOW, REDDER = 3, 4.0
-# level of a random walk of the phase at zero frequency over that of its slowest waves: 4.0, doubled since the mean of
-# three waves is uncertain by 40 %
+# square of the level of a random walk of the phase, over the mean of k^2 times the power of its slowest waves k: 4.0,
+# and doubled, since three waves give this mean to 40 % only
 WALK = 8.0
 SHOWN = 4  # other lines that are printed
 
@@ -403,9 +403,7 @@ def _waves(
 
 
 def _wander(pulls: np.ndarray) -> float:
-    """Return the level of the pulls on the frequency that a wandering clock has at zero frequency; 0 for a steady
-    clock.
-    """
+    """Return the level of the slowest pulls of a wandering clock on the frequency; 0 if the clock is steady."""
     powers = np.abs(np.fft.rfft(pulls)[1:]) ** 2
     slow = powers[:SLOW] * np.arange(1, SLOW + 1) ** 2
     wanders = powers[:SLOW].mean() > REDDER * powers[len(powers) // 2 :].mean()
