@@ -1,1 +1,1 @@
-"""Files of borders: what they declare, and how their tables are made part by part."""
+"""Files of borders: their declarations, and how their tables are made part by part."""

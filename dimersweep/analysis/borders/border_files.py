@@ -1,4 +1,4 @@
-"""Borders, branches and families declared in a file, made and labelled as cubes are."""
+"""Read files that declare borders, branches or families, make their tables part by part, and label them as cubes."""
 
 import os
 import signal
@@ -41,11 +41,13 @@ Maker = Callable[[Tell], xr.Dataset]
 
 
 class BorderFileSection(BaseModel):
+    """A section of a file of borders, which refuses unknown keys."""
+
     model_config = ConfigDict(extra="forbid")
 
 
 def _distinct(name: str, values: list[Any]) -> list[Any]:
-    """`values`, if there are some, each of them once."""
+    """Return `values` unchanged; raise a ParameterError if there are none, or a value comes twice."""
     if not values:
         raise ParameterError(f"{name} = []: must have at least one")
     for value in values:
@@ -58,14 +60,14 @@ Spin = Annotated[float, BeforeValidator(partial(as_number, "spin", units="rad s-
 
 
 class Head(BorderFileSection):
-    """What is made, and where to."""
+    """The section ``[borders]``: title and output."""
 
     title: str
     output: Annotated[str, AfterValidator(partial(check_ending, name="borders.output", what="a table", endings=TABLES))]
 
 
 class Curves(BorderFileSection):
-    """Borders in one parameter, over the axes in `over`, the last of which the curves go along."""
+    """The section ``[curves]``: borders in one parameter over the axes in `over`; curves run along the last axis."""
 
     kinds: Annotated[list[str], AfterValidator(partial(_distinct, "curves.kinds"))]
     parameter: str = "Gamma"
@@ -73,7 +75,7 @@ class Curves(BorderFileSection):
 
 
 class Branches(BorderFileSection):
-    """Branches in one parameter from the orbits at each point of `over`, to each of `ends`."""
+    """The section ``[branches]``: branches in one parameter from the orbit at each point of `over` to `ends`."""
 
     parameter: str
     ends: list[Any]
@@ -84,14 +86,14 @@ class Branches(BorderFileSection):
 
 
 class Families(BorderFileSection):
-    """The orbits of all spins, at each point of `over`."""
+    """The section ``[families]``: orbits at spins evenly spread over a range, at each point of `over`."""
 
     spin: tuple[Spin, Spin]
     points: Annotated[int, AfterValidator(partial(check_count, "families.points"))] = 50
 
 
 class Borders(BorderFileSection):
-    """A file of borders: one of `curves`, `branches` and `families`."""
+    """A file of borders: exactly one of `curves`, `branches` and `families`, with axes and fixed parameters."""
 
     borders: Head
     curves: Curves | None = None
@@ -102,16 +104,16 @@ class Borders(BorderFileSection):
 
     @property
     def axes(self) -> dict[str, np.ndarray]:
-        """Values of the axes in `over`."""
+        """Values of the axes in `over`, SI units."""
         return {name: axis_values(name, declared) for name, declared in self.over.items()}
 
     def points(self) -> Iterator[dict[str, float]]:
-        """Parameters at each point of `over`."""
+        """Yield the parameters at each point of `over`, with the fixed ones."""
         for values in product(*self.axes.values()):
             yield self.fixed | {name: float(value) for name, value in zip(self.axes, values, strict=True)}
 
     def parts(self) -> dict[str, Maker]:
-        """What the file is made of: the name of each part, and what makes it."""
+        """Return the parts of the table: the name of each part, and the function that makes it."""
         if self.curves is not None:
             return {kind: partial(_curve, self, self.curves, kind) for kind in self.curves.kinds}
         if self.branches is not None:
@@ -122,28 +124,31 @@ class Borders(BorderFileSection):
 
     @property
     def configuration(self) -> dict[str, Any]:
-        """All that decides the numbers, as JSON can hold it."""
+        """All settings that decide the numbers, as JSON can hold them, with the version of the kernel."""
         return self.model_dump(mode="json", exclude_none=True) | {"kernel_version": kernel_version()}
 
     @property
     def what(self) -> str:
-        """curves, branches or families."""
+        """The word curves, branches or families, whichever the file declares."""
         return next(name for name in ("curves", "branches", "families") if getattr(self, name) is not None)
 
 
 def read_borders(path: str | os.PathLike[str]) -> Borders:
-    """A declaration of borders, checked.
+    """Read a file of borders, and check it.
 
     Raises
     ------
     ParameterError
-        Naming the word or the value that is not allowed.
+        If the file cannot be read, or has a key or a value that is not allowed.
     """
     return read_sections(Path(path), Borders, _check)
 
 
 def _check(declared: Borders) -> None:
-    """Put values in SI units, and refuse what is wrong with sections together, such as names given twice, or without effect."""
+    """Put values in SI units, and refuse sections that do not go together (ParameterError).
+
+    Refused are, for example, a name that comes twice, and a parameter without effect.
+    """
     curves, branches, families = declared.curves, declared.branches, declared.families
     if sum(part is not None for part in (curves, branches, families)) != 1:
         raise ParameterError("must have one of [curves], [branches] and [families]")
@@ -174,15 +179,16 @@ def _check(declared: Borders) -> None:
 
 
 def _check_in_section(declared: Borders, section: str, name: str) -> None:
-    """Refuse a parameter that a section must not have."""
+    """Refuse a parameter that a section (over or fixed) must not have (ParameterError)."""
     curves, part = declared.curves, declared.curves or declared.branches or declared.families
     check_name(name)
-    # a branch begins at a fixed value of its parameter
+    # in `fixed` it is allowed for a branch, which begins at this value of its parameter
     if name == getattr(part, "parameter", None) and (curves or section == "over"):
         raise ParameterError(f"{section}.{name}: is what the {declared.what} are solved for")
     if section == "over" and name in declared.fixed:
         raise ParameterError(f"over.{name}: is fixed, too")
-    rolls_up = name == "xdot0" and part is not None and part.spin is None  # to the spin: of curves, at one point
+    # without a spin, the lateral speed decides the spin that a start rolls up to; curves have one spin for all points
+    rolls_up = name == "xdot0" and part is not None and part.spin is None
     if name in (*START, "phi0") and not (rolls_up and not (curves and section == "over")):
         raise ParameterError(f"{section}.{name}: is of a start, and changes no orbit")
 
@@ -190,24 +196,25 @@ def _check_in_section(declared: Borders, section: str, name: str) -> None:
 def make_borders(
     declared: Borders, out: str | os.PathLike[str] | None = None, *, force: bool = False, tell: Tell = lambda _: None
 ) -> xr.Dataset:
-    """Make what is declared, and write it.
+    """Make the table that a file declares, and write it.
 
-    With an `out`, each part (a curve, a branch, a family) is kept when it is finished, in the store ``<out>.parts`` beside it
-    until the file is written: the same call goes on where a former one was stopped or killed.
+    With an `out`, each finished part (a curve, a branch, a family) is kept in the store ``<out>.parts`` beside it until
+    the file is written. The same call resumes where a former one was stopped or killed.
 
     Parameters
     ----------
     declared : Borders
     out : path-like, optional
-        NetCDF file; without it nothing is written.
+        NetCDF file; by default no file is written.
     force : bool
-        Whether it may replace an existing file, or parts of another declaration.
+        If True, an existing file, or parts of another declaration, may be replaced.
     tell : callable
-        Is given a line as each part is finished.
+        Called with a line of text when a part is finished.
 
     Returns
     -------
     xarray.Dataset
+        The table of all parts.
 
     Raises
     ------
@@ -216,7 +223,7 @@ def make_borders(
     OrbitError
         If there is no orbit to begin with.
     Stopped
-        On Ctrl-C or SIGTERM; the message says what is kept.
+        On Ctrl-C or SIGTERM; the message says which parts are kept.
     """
     out = None if out is None else check_output(out, force=force, what="a table", endings=TABLES)
     settle_way(progress=False)
@@ -247,12 +254,15 @@ def make_borders(
 
 
 def parts_of(out: Path) -> Path:
-    """The store of the finished parts of the file `out`."""
+    """Return the path of the store with the finished parts of the file `out`."""
     return out.with_name(out.name + ".parts")
 
 
 def kept_part(store: Store, place: int, name: str, make: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """A part of that number: read if the store has it, or made and kept; both come the same way."""
+    """Return the part with number `place`: read it from the store, or make it and store it.
+
+    A new part is read back from its file, too, so that both have the same encoding.
+    """
     row = next(store.meeting(place, place + 1), None)
     made = make() if row is None else None
     with disk_errors(f"{store.path}: finished parts", "run the same again"):
@@ -269,12 +279,12 @@ def kept_part(store: Store, place: int, name: str, make: Callable[[], xr.Dataset
 
 
 def _names(rows: Iterable[StoredTile]) -> list[str]:
-    """Of the parts that are there."""
+    """Return the names of stored parts."""
     return [row.what for row in rows]
 
 
 def plan_borders(declared: Borders, out: Path) -> list[str]:
-    """What is to be made for a file, and what of it is there: lines of text; nothing is written."""
+    """Return lines of text on the parts of a file, and on those that are finished; no file is written."""
     there, makers = _names(finished_at(parts_of(out), declared.configuration)), declared.parts()
     points = declared.families.points if declared.families else prod(len(axis) for axis in declared.axes.values())
     each = f"{points} points each" if declared.what != "branches" else f"{declared.branches.points} points each at most"  # type: ignore[union-attr]
@@ -283,11 +293,14 @@ def plan_borders(declared: Borders, out: Path) -> list[str]:
 
 
 def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
-    """One dataset of all parts: curves along `border`, branches along `point`, families along `over`; meetings one by one."""
+    """Return one dataset of all parts.
+
+    Curves lie along `border`, branches along `point`, families along `over`, and meetings of borders along `meeting`.
+    """
     along = {"curves": "border", "branches": "point", "families": "over"}[declared.what]
     own, met = zip(*(_parted(table) for table in tables), strict=True)
     kinds = {name: each.dtype for table in own for name, each in table.data_vars.items()}
-    # what stands where a kind of border has no such column; NaN for numbers
+    # values where a kind of border lacks a column: empty texts, 0 for integers and flags; NaN for floats by default
     lacking = {name: "" if kind.kind in "OU" else kind.type(0) for name, kind in kinds.items() if kind.kind in "OUbi"}
     made = xr.concat(own, dim=along, combine_attrs="override", fill_value=lacking)
     for name in lacking.keys() & {name for name in made if made[name].dtype.kind == "O"}:
@@ -299,23 +312,23 @@ def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
             made = made.assign_coords({name: column(along, values, PARAMETERS[name])})
     if declared.curves is not None:
         made = made.assign_coords(kind=column(along, declared.curves.kinds, "kind of border", kind_words()))
-        if some := [each for each in met if each]:  # those of a curve that meets none are not written
+        if some := [each for each in met if each]:  # a curve without meetings has no such columns
             made = made.assign(xr.concat(some, dim="meeting", combine_attrs="override").data_vars)
     if part := declared.curves or declared.branches:
         made.attrs["parameter"] = part.parameter
     for variable in made.variables.values():
-        variable.encoding = {"dtype": "S1"} if variable.dtype.kind in "OU" else {}  # not those of the first part
+        variable.encoding = {"dtype": "S1"} if variable.dtype.kind in "OU" else {}  # drop that of the first part
     return made.assign_attrs(what=declared.what)
 
 
 def _parted(table: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
-    """A table without what lies along its meetings, and that."""
+    """Return a table without its columns along `meeting`, and these columns alone."""
     beside = [name for name, each in table.data_vars.items() if "meeting" in each.dims]
     return table.drop_vars(beside), table[beside].reset_coords(drop=True)
 
 
 def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Dataset:
-    """The border of a kind, with the ball's closed form beside it."""
+    """Make the border of a kind; the column `ball` is the closed form for a bouncing ball, NaN if there is none."""
     fixed: dict[str, Any] = declared.fixed
     table = border(kind, curves.parameter, over=declared.axes, spin=curves.spin, **fixed)
     found = int(np.isfinite(table[curves.parameter]).sum())
@@ -335,7 +348,7 @@ def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Datas
 def _branch(
     declared: Borders, branches: Branches, number: int, point: dict[str, float], end: float, tell: Tell
 ) -> xr.Dataset:
-    """The branch from the orbit at a point to an end."""
+    """Make the branch from the orbit at a point to an end of the parameter."""
     orbit = find(spin=branches.spin, **point)  # type: ignore[arg-type]
     how: dict[str, Any] = {"points": branches.points, "switch": branches.switch, "sequences": branches.words}
     table = follow(orbit, branches.parameter, to=end, **how)
@@ -347,7 +360,7 @@ def _branch(
 
 
 def _family(declared: Borders, families: Families, point: dict[str, float], tell: Tell) -> xr.Dataset:
-    """The family at a point, NaN at the spins that it does not reach."""
+    """Make the family of orbits at a point; spins that the family does not reach have NaN."""
     try:
         table = family(spin=families.spin, points=families.points, **point)
     except OrbitError as error:
@@ -364,4 +377,5 @@ def _family(declared: Borders, families: Families, point: dict[str, float], tell
 
 
 def _at(point: dict[str, float], declared: Borders) -> str:
+    """Return the values of the axes at a point as the beginning of a line."""
     return "".join(f"{name} = {point[name]:g}, " for name in declared.over)
