@@ -1,1 +1,1 @@
-"""Attractors: which motions there are, the share of starts that comes to each, and their picture."""
+"""Attractors: the motions that starts come to, the share of the starts of each, and their picture."""

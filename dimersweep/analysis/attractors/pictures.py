@@ -1,4 +1,4 @@
-"""Shares of attractors: bars at one set of parameters, stacked areas over one."""
+"""Draw the shares of attractors: as bars at one set of parameters, as stacked areas over a parameter."""
 
 from typing import Unpack
 
@@ -11,14 +11,20 @@ from dimersweep.errors import ParameterError
 from dimersweep.plots.style import Look, framed, ink, mark, mode_colors
 
 MOST_NAMED = 18  # attractors that the legend has room for
-ONE_LINE = 0.01  # of the axis: borders of a kind that are drawn as one
-ONE_LABEL = 0.03  # and borders that share a label
-FLAT_LABELS = 3  # so many have room side by side, more stand upright
-HATCHES = ("//", "..", "xx", "\\\\", "oo")  # of all attractors of a mode but the first, then each closer
+ONE_LINE = 0.01  # distance within which borders of a kind are drawn as one line, over the length of the axis
+ONE_LABEL = 0.03  # distance within which borders share a label, over the length of the axis
+FLAT_LABELS = 3  # labels that have room side by side; more are written upright
+HATCHES = (
+    "//",
+    "..",
+    "xx",
+    "\\\\",
+    "oo",
+)  # of all attractors of a mode but the first; after the last one twice as dense
 
 
 def looks_of(data: xr.Dataset) -> list[tuple[str, str]]:
-    """The colour of each attractor, that of its mode, and the hatch that tells those of one mode apart."""
+    """Return the colour of each attractor, by its mode, and the hatch that tells attractors of one mode apart."""
     modes, colors = modes_of(data), mode_colors()
     before = [modes[:k].count(mode) for k, mode in enumerate(modes)]
     return [
@@ -28,13 +34,13 @@ def looks_of(data: xr.Dataset) -> list[tuple[str, str]]:
 
 
 def modes_of(data: xr.Dataset) -> list[str]:
-    """The mode of each attractor, where it was met first."""
-    modes = names(data[["mode"]])["mode"].values.reshape(-1, data.sizes["attractor"])  # words, in former files
+    """Return the mode of each attractor, at the first value of the parameter where it is met."""
+    modes = names(data[["mode"]])["mode"].values.reshape(-1, data.sizes["attractor"])  # flags; older files have words
     return [next((str(mode) for mode in column if mode not in ("", "not_run")), "") for column in modes.T]
 
 
 def labels_of(data: xr.Dataset) -> list[str]:
-    """A name for each attractor: its number, its mode, and its period."""
+    """Return a label for each attractor: its number, its mode, and its period."""
     periods = data["periods"].values.reshape(-1, data.sizes["attractor"]).max(axis=0)
     return [
         f"{number}: {mode.replace('period_n', 'other')}" + (f", period {n}" if n else "")
@@ -43,7 +49,7 @@ def labels_of(data: xr.Dataset) -> list[str]:
 
 
 def _borders(data: xr.Dataset, near: float) -> list[tuple[float, str]]:
-    """The borders of the changes with their kinds, one of those of a kind that lie `near` each other."""
+    """Return the borders of the changes with their kinds; of borders of a kind within `near` of each other, one."""
     kept: list[tuple[float, str]] = []
     if "border_kind" not in data:  # in a file, where nothing changes: a column without entries is not written
         return kept
@@ -55,7 +61,7 @@ def _borders(data: xr.Dataset, near: float) -> list[tuple[float, str]]:
 
 
 def _border_labels(borders: list[tuple[float, str]], near: float) -> list[tuple[float, str]]:
-    """Places and texts of labels, one for the borders that lie `near` the first of them."""
+    """Return places and texts of labels, one for all borders within `near` of the first of them."""
     groups: list[tuple[float, dict[str, None]]] = []
     for border, kind in borders:
         if not groups or border - groups[-1][0] > near:
@@ -65,16 +71,17 @@ def _border_labels(borders: list[tuple[float, str]], near: float) -> list[tuple[
 
 
 def attractors(data: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """Shares of attractors with their intervals: bars, or over a parameter stacked areas.
+    """Draw the shares of attractors with their intervals: bars, or stacked areas over a parameter.
 
-    In a stack the bar at the upper edge of an area is the interval of its own share. A dashed line is a border of an orbit
-    that appears or goes, with its kind; those that lie close together share a label.
+    In a stack the bar at the upper edge of an area is the interval of its own share. A dashed line is a border of an
+    orbit that appears or goes, with its kind. Borders that lie close together share a label.
 
     Parameters
     ----------
     data : xarray.Dataset
-        Of `dimersweep.attractors`.
-    **look : see `Look`
+        Result of `dimersweep.attractors`.
+    **look
+        Looks of the picture, see `Look`.
 
     Returns
     -------
@@ -83,7 +90,7 @@ def attractors(data: xr.Dataset, **look: Unpack[Look]) -> Figure:
     Raises
     ------
     ParameterError
-        If it is none.
+        If the data have no shares.
 
     Examples
     --------
@@ -115,7 +122,8 @@ def attractors(data: xr.Dataset, **look: Unpack[Look]) -> Figure:
     for k in range(share.shape[1]):
         here = share[:, k] > 0
         error = (below[here, k], above[here, k])
-        beside = values[here] + 0.6 * near * (k - 0.5 * (share.shape[1] - 1))  # of the bars of the other areas
+        # error bars of different areas are shifted, so that they do not hide each other
+        beside = values[here] + 0.6 * near * (k - 0.5 * (share.shape[1] - 1))
         axes.errorbar(beside, tops[here, k], yerr=error, fmt="none", ecolor=ink(), elinewidth=0.9, capsize=2)
     borders = _borders(data, near)
     for border, _ in borders:
@@ -129,4 +137,4 @@ def attractors(data: xr.Dataset, **look: Unpack[Look]) -> Figure:
     hidden = len(labels) - MOST_NAMED
     more = {"title": f"and {hidden} more", "title_fontsize": "small"} if hidden > 0 else {}
     board.legend("right center", areas[:MOST_NAMED], fontsize="small", reverse=True, **more)
-    return board.done(above=50 if how["rotation"] else 18)  # the labels
+    return board.done(above=50 if how["rotation"] else 18)  # room for the labels [pt]

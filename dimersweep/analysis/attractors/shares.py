@@ -1,4 +1,4 @@
-"""What motions there are: attractors told apart from drawn starts, and the share of the starts that each of them takes."""
+"""Attractors of drawn starts: the motions that the starts come to, and the share of the starts of each."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -41,17 +41,20 @@ from dimersweep.work.options import make_options
 
 TITLE = "Attractors and the shares of starts that lead to them"
 STARTING = (*START, "phi0")  # parameters that starts are drawn from
-NONE = -1  # in place of the number of a start
-FATES = ("none", *SPIN_KINDS, *MODES[1:])  # of a spin that stays somewhere, or of a motion that leaves its family
-OF_AN_ORBIT = tuple(name for name in COLUMNS if name != "cost")  # numbers of an orbit that each attractor has
+NONE = -1  # number of a start where there is none
+# flags of the motion after infinite time: kind of the sustained spin, or mode of a motion that leaves its family
+FATES = ("none", *SPIN_KINDS, *MODES[1:])
+OF_AN_ORBIT = tuple(name for name in COLUMNS if name != "cost")  # columns of an attractor that are numbers of its orbit
 
 
 def border_between(orbit: PeriodicOrbit, name: str, to: float) -> tuple[float, str]:
-    """Where the branch of an orbit first loses its stability, or ends, on the way to a value of a parameter, and its kind.
+    """Return the value of a parameter at which a branch first loses stability or ends, on the way to `to`, and the
+    kind.
 
-    The spin is kept. The kind is that of a border of `orbits`, word where the orbit leaps to another sequence, lost where
-    Newton's method loses it; none, with NaN, if the orbit goes on all the way: then only its basin was not met. An orbit
-    that comes to repeat after fewer periods has joined that of these, where the latter loses its stability.
+    The spin is kept. The kind is that of a border of `orbits`, "word" if the orbit leaps to another sequence, or "lost"
+    if Newton's method finds no orbit. It is "none", with NaN, if the orbit exists all the way: then only its basin was
+    not met. An orbit that comes to repeat after fewer periods has joined the branch of these, at the border where that
+    branch loses its stability.
     """
     trace = traced(orbit, name, to)
     for entry in trace.entries:
@@ -85,12 +88,12 @@ def attractors(
     workers: int | None = None,
     progress: bool = True,
 ) -> xr.Dataset:
-    """What motions there are, from drawn starts, and which share of the starts comes to each.
+    """Find the attractors of drawn starts, and the share of the starts that comes to each.
 
-    Motions are told apart by their period and by their place at the same spin: the gaps of both ends at eight phases of the
-    plate in each period, and the turn of the heading. For that the orbit of one run of each is found, and carried along its
-    slow family to the spins of the others. Rest, motions that do not repeat, and runs that have failed are one each, by their
-    mode.
+    Motions are told apart by their period and by their features at the same spin. The features are the gaps of both
+    ends at eight phases of the plate in each period, and the turn of the heading. To compare them, the orbit of one run
+    of each motion is found, and followed along its slow family to the spins of the others. Rest, motions that do not
+    repeat, and failed runs are one attractor each, by their mode.
 
     Parameters
     ----------
@@ -104,47 +107,49 @@ def attractors(
     points : mapping of str to array_like, pandas.DataFrame or xarray.Dataset, optional
         The starts, as columns, in place of ranges.
     starts : int
-        How many are drawn.
+        Number of starts that are drawn.
     seed : int
-        Of the draw.
+        Seed of the draw.
     over : mapping of str to array_like or mapping, optional
-        One parameter and its values, as an axis of `sweep`: the same starts are made at each. Attractors are matched from
-        value to value by following their orbits.
+        One parameter and its values, as an axis of `sweep`: the same starts are run at each value. Attractors are
+        matched from value to value by following their orbits.
     periods, max_periods, rtol
-        Of the runs, as in `sweep`; a run stops when its motion has settled.
+        Settings of the runs, as in `sweep`; a run stops when its motion has settled.
     mirror : bool
-        Whether mirror images count as one motion: in the vertical plane of the axis and, where both ends are
-        alike, with the ends swapped.
+        If True, mirror images count as one motion: in the vertical plane of the axis and, where both ends are alike,
+        with the ends swapped.
     level : float
         Confidence of the intervals, in (0, 1).
     confirm : int
-        If above 0, a run of each attractor is made for so many forcing periods: `confirmed` says if it is still there.
+        If above 0, one run of each attractor is repeated for this number of forcing periods; `confirmed` is True if the
+        motion is still the same.
     slow : bool
-        Whether starts are told apart by where their spin comes to in the end, as `orbits.later` says of an infinite time, and
-        not by their family.
+        If True, starts are told apart by the spin that they come to after infinite time (see `orbits.later`), and not
+        by their family.
     observe : callable or str, optional
-        An observer of your own, as in `sweep`: what it makes of the run of each start stands along `start`.
+        An observer of your own, as in `sweep`; its variables lie along `start`.
     out : path-like, optional
-        NetCDF file to write the result to as well.
+        NetCDF file to write the result to.
     force : bool
-        Whether it may replace an existing file.
+        If True, an existing file may be replaced.
     workers : int, optional
         Threads; by default one for each core.
     progress : bool
-        Whether to show finished runs on stderr.
+        If True, show finished runs on stderr.
 
     Returns
     -------
     xarray.Dataset
-        Over the values of `over`, if given, and `attractor`, numbered from 1, the most frequent first: `count`, `share` [1]
-        and the ends `share_low` and `share_high` of its interval by Wilson's score; the number of a `representative` start
-        along `start`; `mode` (not_run where it is not met), `periods` and `word`; whether its `orbit` was found where the run
-        of the representative ends, and the numbers of that, NaN without one: `spin`, `radius`, `period`, `zeta`, `speed`,
-        `multipliers_real` and others. `basin` has the attractor of each start. Words are flags (see `names`). With `slow` the
-        orbit is that to which the spin comes; `fate`, `spin_low` and `spin_high` are `kind` and spins of `orbits.sustained`;
-        `fate` is "kept" where no spin changes, the mode for those that leave the family, and none where it is not known.
-        With `over`, along `change`: which attractor appears or goes, between which values, and the `border` that `orbits` has
-        for it on the way. The attribute `cost` is the number of forcing periods of the runs of all starts.
+        Over the values of `over`, if given, and `attractor`, numbered from 1, the most frequent first: `count`, `share`
+        [1] and the ends `share_low` and `share_high` of its interval by Wilson's score. The number of a
+        `representative` start along `start`; `mode` (not_run where it is not met), `periods` and `word`. `orbit` is
+        True if its orbit was found from the end of the representative run; the numbers of this orbit, NaN without one:
+        `spin`, `radius`, `period`, `zeta`, `speed`, `multipliers_real` and others. `basin` has the attractor of each
+        start. Words are flags (see `names`). With `slow` the orbit is that of the final spin, and `fate`, `spin_low`
+        and `spin_high` are `kind` and spins of `orbits.sustained`. `fate` is "kept" where no spin changes, the mode for
+        motions that leave the family, and none where it is unknown. With `over`, along `change`: the attractor that
+        appears or goes, the values on both sides, and the `border` of its orbit on the way. The attribute `cost` is the
+        number of forcing periods of the runs of all starts.
 
     Raises
     ------
@@ -201,12 +206,12 @@ def attractors(
 
 
 def drawn_starts(ranges: Any, fixed: Any, points: Any, starts: int, seed: int) -> dict[str, np.ndarray]:
-    """Columns of starts: those of a table, or drawn independently from ranges, whose ends are checked as starts.
+    """Return the columns of starts: of a table, or drawn independently from ranges, whose ends are checked as starts.
 
     Raises
     ------
     ParameterError
-        Naming what is not allowed.
+        If there are neither ranges nor points, or both, or one of them is not allowed.
     """
     if (ranges is None) == (points is None):
         raise ParameterError("ranges: give either ranges to draw from or points")
@@ -229,7 +234,7 @@ def drawn_starts(ranges: Any, fixed: Any, points: Any, starts: int, seed: int) -
 
 
 def _check_starts(names: Iterable[str]) -> None:
-    """Refuse to draw what makes another dimer or another plate: motions are compared on one."""
+    """Refuse to draw parameters of the dimer or the plate: motions are compared on one (ParameterError)."""
     for name in names:
         check_name(name)
         if name not in STARTING:
@@ -237,7 +242,10 @@ def _check_starts(names: Iterable[str]) -> None:
 
 
 def _spread(name: str, given: Any) -> tuple[float, float, float]:
-    """The ends of a range and 0; of a normal one its mean, twice, and its standard deviation. In SI units."""
+    """Return both ends of a range and 0; of a normal distribution its mean, twice, and its standard deviation.
+
+    All are in SI units.
+    """
     if name == "phi0" and isinstance(given, str) and given == "any":
         return 0.0, tau, 0.0
     if isinstance(given, Mapping) and {*given} in ({"value", "within"}, {"value", "sigma"}):
@@ -254,22 +262,25 @@ def _spread(name: str, given: Any) -> tuple[float, float, float]:
 
 
 def _without_phase(fixed: Any, drawn: Any) -> Any:
-    """Fixed parameters with harmonics of the plate spelt out, but for the phase 0 of the first one where phases are drawn."""
+    """Return the fixed parameters with harmonics of the plate spelt out.
+
+    Where phases are drawn, a phase 0 of the first harmonic is left out.
+    """
     drawn = drawn.keys() if hasattr(drawn, "keys") else ()
     if "phi0" not in drawn or not isinstance(fixed, Mapping) or fixed.get("harmonics") is None:
         return fixed
-    later = {name: fixed[name] for name in fixed if name in INSTEAD}  # what they depend on may vary
+    later = {name: fixed[name] for name in fixed if name in INSTEAD}  # parameters that they depend on may vary
     told = spelt_out({name: fixed[name] for name in fixed if name not in INSTEAD})
     return {name: value for name, value in told.items() if name != "phi0" or value} | later
 
 
 def _on_one_plate(drawn: Grid, over: str) -> Grid:
-    """The starts, with harmonics of the plate turned along with the phase that each start has, so that all are on one plate.
+    """Return the starts on one plate: its harmonics are turned along with the phase of each start.
 
     Raises
     ------
     ParameterError
-        For a plate on which the heading counts, or a phase of a harmonic over which the attractors are to be followed.
+        If the heading counts on the plate, or attractors are to be followed over the phase of a harmonic.
     """
     plate = drawn.fixed | drawn.columns
     check_level({name: float(np.abs(value).max()) for name, value in plate.items()}, "attractors")
@@ -284,7 +295,7 @@ def _on_one_plate(drawn: Grid, over: str) -> Grid:
 
 
 def _axis_of(over: Mapping[str, Any] | None, columns: Mapping[str, np.ndarray]) -> tuple[str, np.ndarray]:
-    """Name and values of the parameter over which attractors are followed; no name and one value without one."""
+    """Return name and values of the parameter over which attractors are followed; "" and one value if there is none."""
     if over is None:
         return "", np.zeros(1)
     if not isinstance(over, Mapping) or len(over) != 1:
@@ -298,24 +309,24 @@ def _axis_of(over: Mapping[str, Any] | None, columns: Mapping[str, np.ndarray]) 
 
 @dataclass(frozen=True, kw_only=True)
 class Census(Study):
-    """Drawn starts, the same at each value of a parameter, and the attractors that they come to; see `Study`.
+    """A study of drawn starts, the same at each value of a parameter, and of the attractors that they come to.
 
     Parameters
     ----------
     starts : dict of str to ndarray
         Columns of the starts.
     over : str
-        The parameter; empty for none.
+        Parameter over which attractors are followed; "" for none.
     values : ndarray
-        Its values.
+        Values of the parameter.
     mirror : bool
-        Whether mirror images count as one motion.
+        True if mirror images count as one motion.
     level : float
         Confidence of the intervals.
     confirm : int
         Forcing periods of a longer run of each attractor; 0 for none.
     slow : bool
-        Whether starts are told apart by where their spin comes to in the end.
+        True if starts are told apart by their spin after infinite time.
     """
 
     observers: tuple[Observer, ...] = (EndStates(),)
@@ -328,9 +339,9 @@ class Census(Study):
     slow: bool
 
     def as_cube(self, results: np.ndarray) -> xr.Dataset:
-        """See `Study`: attractors from value to value, numbered as they appear; those that are known keep their numbers."""
-        known: dict[int, Attractor] = {}  # as each was seen last
-        rows: list[dict[int, Attractor]] = []  # of each value: number from 0, and what it is there
+        """Return the attractors from value to value, numbered as they appear; matched ones keep their numbers."""
+        known: dict[int, Attractor] = {}  # each attractor as it was met last, by its number from 0
+        rows: list[dict[int, Attractor]] = []  # attractors at each value of the parameter, by the same numbers
         checks: list[dict[int, bool]] = []
         for k, value in enumerate(self.values.tolist()):
             classifier = self._classifier(k, results)
@@ -365,7 +376,7 @@ class Census(Study):
         return finished(data, TITLE)
 
     def _labelled(self, rows: Sequence[Mapping[int, Attractor]], number: int) -> xr.Dataset:
-        """The attractors of each value, so many in all, and the one of each start."""
+        """Return the attractors at each value, `number` in all, and the attractor of each start, as a dataset."""
         from scipy.stats import binomtest
 
         def table(empty: Any, read: Callable[[Attractor], Any]) -> np.ndarray:
@@ -393,19 +404,19 @@ class Census(Study):
         return data.assign_coords({key: column("start", each, PARAMETERS[key]) for key, each in self.starts.items()})
 
     def _of_each_start(self, field: Field, values: np.ndarray, axis: str) -> xr.Variable:
-        """What an observer tells of each start."""
+        """Return the values of an observed field for each start, with their dimensions."""
         dims = (axis, "start", *([field.along.name] if field.along else []))
         return column(dims, values.reshape(self.values.size, -1, *field.shape), field.quantity)
 
     def _classifier(self, k: int, results: np.ndarray) -> Classifier:
-        """What tells the motions at one of the values apart."""
+        """Return the classifier of the motions at the `k`-th value."""
         n = self.size // self.values.size
         here, _ = self.grid.window(k * n, (k + 1) * n)
         first = here.fixed | {key: float(column[0]) for key, column in here.columns.items()}
         return Classifier(here, self.how, results[k * n : (k + 1) * n], mirrors_of(first, self.mirror))
 
     def _add_changes(self, data: xr.Dataset, rows: Sequence[Mapping[int, Attractor]]) -> None:
-        """Where an attractor appears or goes between two values, and the border that its orbit has there."""
+        """Add the attractors that appear or go between two values, and the border of their orbit on the way."""
         changes = []
         for k in range(len(rows) - 1):
             for number in sorted(rows[k].keys() ^ rows[k + 1].keys()):
@@ -424,16 +435,18 @@ class Census(Study):
 
 
 def _of_orbit(name: str, attractor: Attractor) -> float:
+    """Return a number of the orbit of an attractor; NaN without an orbit."""
     return nan if attractor.orbit is None else float(getattr(attractor.orbit, name))
 
 
 def _sequence(attractor: Attractor) -> str:
+    """Return the symbol sequence of an attractor, "" if it has none."""
     if attractor.orbit is not None:
         return attractor.orbit.sequence
     return "" if attractor.features is None else attractor.features.sequence
 
 
-# variables of each attractor: meaning, what stands where it is not met, how it is read, and the words of a flag
+# variables of each attractor: meaning, value where the attractor is not met, how the value is read, words of a flag
 _READ: dict[str, Any] = {
     "count": ("number of starts that lead there", 0, lambda one: one.members.size),
     "mode": ("mode of the representative", MODES[M_NOT_RUN], lambda one: one.mode, MODES),
@@ -447,7 +460,7 @@ _READ: dict[str, Any] = {
     "orbit": ("whether its orbit was found", False, lambda one: one.orbit is not None),
     "stable": ("whether an orbit was found that is stable", False, lambda one: bool(one.orbit and one.orbit.stable)),
 } | {name: (COLUMNS[name], nan, partial(_of_orbit, name)) for name in OF_AN_ORBIT}
-# with `slow`
+# further variables of each attractor with `slow`
 _FATE: dict[str, Any] = {
     "fate": ("how the spin stays where it comes to", "none", lambda one: one.fate.kind if one.fate else "none", FATES),
     "spin_low": (MEANINGS["spin_low"], nan, lambda one: one.fate.low if one.fate else nan),
@@ -462,7 +475,7 @@ _CHANGE = (
     ("border", float, None, "where its orbit ends or loses its stability"),
     ("border_kind", str, "1", "kind of that border"),
 )
-# names that the result has besides the columns of its starts
+# names that the result has besides the columns of its starts, which an observer must not take
 _NAMES = (
     *("attractor", "start", "multiplier", "change", "value", "share", "share_low", "share_high", "basin", "confirmed"),
     *("multipliers_real", "multipliers_imag", *_READ, *_FATE, *(name for name, *_ in _CHANGE)),

@@ -1,4 +1,4 @@
-"""Which motions are one: the attractors of drawn starts at one set of parameters, and which of them are those of another."""
+"""Tell the motions of drawn starts apart, at one set of parameters, and match them with those of another set."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -19,20 +19,23 @@ from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES, S
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.solving import RunSettings, exactly, run_row
 
-ONE_FATE = 1e-3  # by which spins, speeds and impact phases of one may differ, as a share and in their units
+# difference up to which spins [rad/s], speeds [m/s] and impact phases [cycles] are those of one fate: relative, and
+# absolute
+ONE_FATE = 1e-3
 
 
 class Fate(NamedTuple):
-    """Where the spin comes to in the end.
+    """The motion of a start after infinite time: the spin that it comes to, or the motion to which it leaves its
+    family.
 
     Attributes
     ----------
     kind : str
-        As of `orbits.sustained`; "kept" where nothing changes the spin; the mode of a run that has left the family.
+        Kind as in `orbits.sustained`; "kept" if nothing changes the spin; the mode of a run that has left the family.
     low, high : float
-        Spins between which it is there [rad/s]; NaN without an orbit.
+        Least and greatest spin in the end [rad/s], equal for a steady one; NaN without an orbit.
     orbit : PeriodicOrbit or None
-        That of the least.
+        Orbit with the least of these spins.
     """
 
     kind: str
@@ -42,7 +45,7 @@ class Fate(NamedTuple):
 
 
 def alike(a: Fate | None, b: Fate | None) -> bool:
-    """Whether two fates are one, or both unknown."""
+    """Return True if two fates are the same, or both are unknown."""
     if a is None or b is None:
         return a is b
     if a.orbit is None or b.orbit is None or a.kind == NEUTRAL:
@@ -59,15 +62,15 @@ class Attractor(NamedTuple):
     mode : str
         Mode of its representative.
     members : ndarray of int
-        The starts that lead there.
+        Numbers of the starts that lead there.
     representative : int
-        One of them, in the middle of their spins.
+        Number of one of these starts, in the middle of their spins.
     features : Features or None
-        What it looks like; none for rest and for motions that do not repeat.
+        Features of the motion; None for rest and for motions that do not repeat.
     carried : Carried or None
-        Its orbit, with the family; none where no orbit was found.
+        Its orbit, with the features along the slow family; None if no orbit was found.
     fate : Fate or None
-        Where its spin comes to in the end, if that was asked for and could be told.
+        Its motion after infinite time, if that was asked for and is known.
     """
 
     mode: str
@@ -79,25 +82,25 @@ class Attractor(NamedTuple):
 
     @property
     def orbit(self) -> PeriodicOrbit | None:
-        """The one orbit that was found of it, or that its spin comes to in the end."""
+        """Orbit of the attractor: after infinite time, if its fate is known, else of its representative."""
         if self.fate is not None:
             return self.fate.orbit
         return None if self.carried is None else self.carried.orbit
 
     def joined_by(self, other: "Attractor") -> "Attractor":
-        """The attractor with the starts of another one, and the orbit of the first that has one."""
+        """Return the attractor with the starts of another one added, and the orbit of the first that has one."""
         shown = other if self.carried is None else self
         return shown._replace(members=np.union1d(self.members, other.members))
 
     def views(self) -> list[Features]:
-        """What it looks like, at all spins at which that is known."""
+        """Return the features of the attractor at all spins at which they are known."""
         if self.carried is not None:
             return list(self.carried.views)
         return [] if self.features is None else [self.features]
 
 
 def one_family(a: Attractor, b: Attractor) -> bool:
-    """Whether the family of one of two attractors leads to the other one."""
+    """Return True if the slow family of one of two attractors contains the other one."""
     return any(
         one.carried is not None and any(one.carried.apart(view) < ALIKE_WITHIN for view in other.views())
         for one, other in ((a, b), (b, a))
@@ -105,27 +108,31 @@ def one_family(a: Attractor, b: Attractor) -> bool:
 
 
 def matched(costs: np.ndarray) -> dict[int, int]:
-    """Which column goes with which row, each once, at the least sum of costs; infinite costs never go together."""
+    """Return the column that belongs to each row, each used once, with the least sum of costs.
+
+    Rows and columns with an infinite cost are not matched.
+    """
     allowed = np.isfinite(costs)
     if not allowed.any():
         return {}
-    dear = 1.0 + costs[allowed].sum()
+    dear = 1.0 + costs[allowed].sum()  # above any sum of allowed costs, so that a forbidden pair is the last resort
     rows, columns = linear_sum_assignment(np.where(allowed, costs, dear))
     return {int(a): int(b) for a, b in zip(rows, columns, strict=True) if allowed[a, b]}
 
 
 class Classifier:
-    """Tells the motions of drawn starts apart at one set of parameters.
+    """A classifier of the motions of drawn starts at one set of parameters.
 
     Parameters
     ----------
     points : Grid
         The starts.
     how : RunSettings
-        Of the runs.
+        Settings of the runs.
     results : ndarray, shape (n,)
-        Of `Drawn`.
+        Results of the runs from the starts, with the states at their ends.
     mirrors : Mirrors
+        Mirror images that count as one motion.
     """
 
     def __init__(self, points: Grid, how: RunSettings, results: np.ndarray, mirrors: Mirrors) -> None:
@@ -134,18 +141,18 @@ class Classifier:
         self.recorder = Recorder()
 
     def parameters(self, start: int) -> dict[str, float]:
-        """Of the run from a start."""
+        """Return the parameters of the run from a start."""
         return self.points.fixed | {name: float(value) for name, value in self.points.values(start).items()}
 
     def features(self, start: int, end: np.ndarray, periods: int) -> Features | None:
-        """The features of the motion that a start has come to; none where it does not repeat."""
+        """Return the features of the motion that a start has come to; None if the motion does not repeat."""
         try:
             return features_from(self.parameters(start), end, periods, self.how.rtol, self.recorder, self.mirrors)
         except OrbitLost:
             return None
 
     def attractors(self) -> list[Attractor]:
-        """The attractors, those that most starts lead to first."""
+        """Return the attractors, in order of the number of their starts, the most frequent first."""
         left: dict[int, Features] = {}
         for start in np.flatnonzero(self.periods > 0):
             features = self.features(int(start), self.results["end"][start], int(self.periods[start]))
@@ -168,14 +175,18 @@ class Classifier:
         return sorted(attractors, key=lambda one: (-one.members.size, int(one.members[0])))
 
     def by_fate(self, attractors: Sequence[Attractor]) -> list[Attractor]:
-        """Attractors anew, by where the spin of their starts comes to; those of which that is not known stay as they are."""
+        """Return the attractors anew, by the spin that their starts come to after infinite time.
+
+        Starts whose fate is unknown stay attractors of their family.
+        """
         flows: dict[bool, SlowFlow] = {}
         found: list[Attractor] = []
         spins = np.abs(self.results["end"][:, SPIN])
         for attractor in attractors:
             parts: list[tuple[Fate | None, list[int]]] = []
             middle = np.median(spins[attractor.members])
-            # those of the most and the least spin first: the ways of all others are parts of theirs
+            # starts with the most and the least spin first: the others drift along parts of their ways, which are known
+            # then
             for start in sorted(attractor.members.tolist(), key=lambda start: -abs(spins[start] - middle)):
                 fate = self._fate(attractor, start, flows)
                 members = next((members for known, members in parts if alike(known, fate)), None)
@@ -185,7 +196,8 @@ class Classifier:
                     members.append(start)
             for fate, members in parts:
                 part = self._of_fate(attractor, fate, members)
-                own = fate is None or fate.kind == NEUTRAL  # what is known of no other attractor's
+                # an unknown fate, or a spin that is kept, cannot be the fate of another attractor
+                own = fate is None or fate.kind == NEUTRAL
                 home = [] if own else [k for k, one in enumerate(found) if alike(one.fate, fate)]
                 if home:
                     found[home[0]] = found[home[0]].joined_by(part)
@@ -194,7 +206,7 @@ class Classifier:
         return sorted(found, key=lambda one: (-one.members.size, int(one.members[0])))
 
     def _fate(self, attractor: Attractor, start: int, flows: dict[bool, SlowFlow]) -> Fate | None:
-        """Where the spin of a start comes to; `flows` are those of both senses of the spin."""
+        """Return the fate of a start, None if it is unknown; `flows` caches the slow flow of each sign of the spin."""
         if attractor.features is None:
             return Fate(attractor.mode, np.nan, np.nan, None)
         if attractor.carried is None:
@@ -217,7 +229,7 @@ class Classifier:
         return Fate(fate.kind, min(spins), max(spins), orbits[int(np.argmin(spins))])
 
     def _of_fate(self, attractor: Attractor, fate: Fate | None, members: list[int]) -> Attractor:
-        """The starts of an attractor whose spin comes to one end, as one."""
+        """Return the starts of an attractor that have one fate, as an attractor of its own."""
         first = attractor.representative if attractor.representative in members else members[len(members) // 2]
         if fate is not None and fate.orbit is None:
             return Attractor(fate.kind, np.array(sorted(members)), first, fate=fate)
@@ -227,7 +239,10 @@ class Classifier:
         return attractor._replace(members=np.array(sorted(members)), representative=first, features=features, fate=fate)
 
     def _one(self, left: Mapping[int, Features], known: Sequence[Features]) -> Attractor:
-        """The attractor of one of the motions that are left, with all of these that show it; `known` are those of others."""
+        """Return the attractor of one of the motions in `left`, with all motions of `left` that show it.
+
+        `known` are features of other attractors, whose spins the family of the orbit is followed to.
+        """
         representative = _typical(left)
         own = left[representative]
         near = {start: other for start, other in left.items() if other.periods == own.periods}
@@ -241,7 +256,10 @@ class Classifier:
         return Attractor(mode, np.array(sorted(members)), representative, own, carried)
 
     def _carried(self, start: int, own: Features, spins: Sequence[float]) -> Carried | None:
-        """The orbit of a start, with its family over the spins of the motions that may lie on it."""
+        """Return the orbit of a start, with its family over the spins of motions that may lie on it.
+
+        None if there is no orbit, or the orbit does not have the features of the start.
+        """
         try:
             orbit = find(guess=run_in_line(self.parameters(start), self.how), periods=own.periods)
             carried = Carried(orbit, spins, self.mirrors)
@@ -250,7 +268,7 @@ class Classifier:
         return carried if carried.apart(own) < ALIKE_WITHIN else None
 
     def confirmed(self, attractor: Attractor, periods: int) -> bool:
-        """Whether the representative is still at its attractor after so many forcing periods."""
+        """Return True if the representative is still at its attractor after this number of forcing periods."""
         row = self.points.rows_at(np.array([attractor.representative]))[0]
         solved = run_row(row, None, exactly(periods, self.how.rtol), new_workspace())
         if attractor.features is None:
@@ -264,7 +282,7 @@ class Classifier:
 
 
 def _typical(left: Mapping[int, Features]) -> int:
-    """The start in the middle of the spins of those with the period and sequence that occur most often."""
+    """Return the start in the middle of the spins, among those with the most frequent period and sequence."""
     kinds: dict[tuple[int, str], list[int]] = {}
     for start, features in left.items():
         kinds.setdefault((features.periods, features.sequence), []).append(start)
@@ -273,7 +291,10 @@ def _typical(left: Mapping[int, Features]) -> int:
 
 
 def _linked(first: int, near: Mapping[int, Features], mirrors: Mirrors) -> list[int]:
-    """The starts that a chain of like motions of one sequence joins to the first, where no orbit carries the spin."""
+    """Return the starts that a chain of like motions with one sequence joins to the first start.
+
+    This stands in where no orbit is found that could be followed over the spin.
+    """
     sequence = near[first].sequence
     left = {start for start, features in near.items() if features.sequence == sequence} - {first}
     chain, joined = [first], [first]
@@ -287,9 +308,11 @@ def _linked(first: int, near: Mapping[int, Features], mirrors: Mirrors) -> list[
 
 
 def distance(former: Attractor, later: Attractor, name: str, value: float, mirrors: Mirrors) -> float:
-    """How far an attractor is from a former one that is carried to `value` of the parameter `name`; inf if it is another.
+    """Return how far an attractor is from a former one that is followed to `value` of a parameter; inf if it is
+    another.
 
-    The orbit of the former one is followed to the value, and to the spin there. Without one, period and sequence decide.
+    The orbit of the former one is followed to the value, and to the spin there. Without an orbit, period and sequence
+    decide.
     """
     if former.features is None or later.features is None:
         return 0.0 if former.features is later.features and former.mode == later.mode else float("inf")
