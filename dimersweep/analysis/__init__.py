@@ -1,1 +1,1 @@
-"""The analysis: orbits and their borders, attractors, fits; the engine, which runs and sweeps, needs nothing of it."""
+"""The analysis: orbits and their borders, attractors, fits. The engine, which runs and sweeps, does not import it."""

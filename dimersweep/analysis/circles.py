@@ -1,4 +1,4 @@
-"""The circles that dimers choose by themselves, and in what time."""
+"""Draw the circles that attract dimers, and the times in which they do."""
 
 from typing import Any, Unpack
 
@@ -13,19 +13,20 @@ from dimersweep.errors import ParameterError
 from dimersweep.plots.checking import check_cube
 from dimersweep.plots.style import MODE_COLORS, Look, fixed_of, framed, label, log_scale, mark
 
-PANEL = np.array([200.0, 228.0])  # of a panel, which its points fill [pt]
+# width and height of a panel [pt]: points are drawn as cells of this size over their number, so that they fill it
+PANEL = np.array([200.0, 228.0])
 NO_CIRCLE = {"in a plane": "0.8", "no spin that attracts": "0.55"}  # greys of points without a circle
 
 
 def circles(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """The circle to which each dimer is drawn, and the time in which the way there falls by a factor of 2.718, over its axes.
+    """Draw the circle that attracts each dimer, and the time of the approach (to 1/2.718), over the axes of a cube.
 
     Grey points have no such circle: the walk ends in a plane, or no spin attracts.
 
     Parameters
     ----------
     cube : xarray.Dataset
-        Of a `sweep` with `sustained`, of a grid or of points, over one or two parameters.
+        Cube of a `sweep` with `sustained`, over a grid or points, in which one or two parameters vary.
 
     Returns
     -------
@@ -34,7 +35,7 @@ def circles(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     Raises
     ------
     ParameterError
-        If it is none.
+        If the cube has no sustained spins, or more than two parameters vary.
 
     Examples
     --------
@@ -62,6 +63,7 @@ def circles(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         else:
             cell = PANEL / [np.unique(column).size for column in columns]
             how: dict[str, Any] = {"s": cell.max() ** 2, "marker": cell * [(-1, -1), (1, -1), (1, 1), (-1, 1)]}
+            # an attracting spin without a circle is that of a motion in a plane
             for chosen, color in zip((np.isfinite(at), np.isnan(at)), NO_CIRCLE.values(), strict=True):
                 axes.scatter(*(column[chosen & ~has_circle] for column in columns), color=color, **how)
             norm = LogNorm() if quantity == "sustained_time" and np.isfinite(values[has_circle]).any() else None

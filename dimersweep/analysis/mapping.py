@@ -18,7 +18,7 @@ STABILITY = {"stable": MODE_COLORS["drift"], "unstable": MODE_COLORS["rest"]}
 
 
 class BorderMap(CubeMap):
-    """The points of borders or of branches, in the colours of their kinds, as a page asks for them."""
+    """The map of points of borders or branches, in the colours of their kinds, in parts that a page asks for."""
 
     def __init__(self, table: xr.Dataset) -> None:
         parameter = table.attrs.get("parameter")
@@ -28,7 +28,7 @@ class BorderMap(CubeMap):
         frame = table.dimersweep.to_dataframe().reset_index()
         varied = [name for name in PARAMETERS if name in frame and frame[name].nunique() > 1]
         self.axes = ["radius", parameter] if varied == [parameter] else sorted(varied, key=[parameter, *varied].index)
-        known = np.isfinite(frame[[parameter, *self.axes]]).all(axis=1)  # there is no radius in a plane
+        known = np.isfinite(frame[[parameter, *self.axes]]).all(axis=1)  # orbits in a plane have no radius
         frame = frame[known].reset_index(drop=True)
         stability = frame["stable"].map({True: "stable", False: "unstable"})
         words = frame.get("kind", stability if "kind" not in table.attrs else [table.attrs["kind"]] * len(frame))
@@ -40,12 +40,12 @@ class BorderMap(CubeMap):
         self.held = fixed_of(table)[0]
 
     def parameters_at(self, point: xr.Dataset) -> dict[str, float]:
-        """Return the parameters of a point, which tells the orbit of any start; see `CubeMap`."""
+        """Return the parameters of a point without those of a start, since its orbit is the same for any start."""
         given = {name: point[name].item() for name in PARAMETERS if name in point}
         return {name: value for name, value in (self.held | given).items() if name not in START}
 
     def run(self, at: str) -> tuple[Run, dict[str, Any]]:
-        """A run with the parameters of a point."""
+        """Return a run with the parameters of a point, and its settings."""
         row = self.cube.isel(point=place_of("point", at, self.mode.size))
         settings: dict[str, Any] = {"periods": 200, "rtol": 1e-8, "stop_when_settled": True}
         given: dict[str, Any] = {name: row[name].item() for name in PARAMETERS if name in row}

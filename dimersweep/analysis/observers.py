@@ -17,7 +17,10 @@ from dimersweep.symbols import QUANTITIES
 
 @dataclass(frozen=True)
 class Sustained(Observer):
-    """The sustained spins of each dimer, and the one that attracts: of several that nearest to the run's, or the least."""
+    """The number of sustained spins of each dimer, and the circle of one that attracts.
+
+    Of several that attract it is the one nearest to the spin of the run, or the least where the run has no spin.
+    """
 
     fields = (
         Field("sustained", QUANTITIES["sustained"], "<i8"),
@@ -25,15 +28,15 @@ class Sustained(Observer):
     )
 
     def settings(self) -> dict[str, Any]:
-        """See `Observer`."""
+        """Return the switch of `sweep` that asks for this observer."""
         return {"sustained": True}
 
     def observe(self, ran: Ran, space: Workspace) -> None:
-        """See `Observer`."""
+        """Compute the sustained spins of each point, and record their number and the attracting circle."""
         for row, result in zip(ran.rows, ran.results, strict=True):
             if is_stopped(space):
                 return
-            try:  # each point by itself, not from its neighbours: numbers must not depend on tiles
+            try:  # without a guess from neighbours: numbers must not depend on how a grid is cut into tiles
                 found = sustained(**dict(zip(ROW, row.tolist(), strict=True)))
             except OrbitError:
                 continue

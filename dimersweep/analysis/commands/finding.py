@@ -1,4 +1,4 @@
-"""The commands for the orbits of one dimer, and for the motions that many starts come to."""
+"""The commands for the orbits of one dimer, its motion after a long time, and the attractors of many starts."""
 
 from math import nan
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,9 +31,9 @@ OF_ORBITS = ("spin", "radius", "period", "zeta", "speed", "stable", "word")
 OF_POINTS = ("special", "change", "spin", "radius", "period", "stable")
 OF_ATTRACTORS = ("attractor", "mode", "share", "share_low", "share_high", "periods", "stable", "radius", "spin")
 OF_FATES = ("fate", "spin_low", "spin_high")
-HEADS = {"word": "sequence"}  # of columns that have other names in files
+HEADS = {"word": "sequence"}  # heads of columns that have other names in files
 OF_LATER = ("spin", "radius", "period", "zeta")
-SETTLED_WITHIN = 2000  # forcing periods in which a start has settled on its orbit, if it does
+SETTLED_WITHIN = 2000  # longest run in which a start settles on its orbit, in forcing periods
 
 
 @telling
@@ -50,7 +50,7 @@ def orbits(
     force: Force = False,
     **parameters: Any,
 ) -> None:
-    """Print the circles that a dimer can walk for good, or the orbit of a spin, or what becomes of it over a parameter."""
+    """Print the circles that a dimer can walk for good, or the orbit of a spin, or its branch over a parameter."""
     if spin is None and (follow is not None or plot is not None):
         raise ParameterError("--follow and --plot need --spin, that of the orbit")
     if spin is not None and follow is None and out is not None:
@@ -162,6 +162,6 @@ def _print(tell: Printer, name: str, table: "xr.Dataset", columns: tuple[str, ..
 
     frame = names(table[[*columns]]).to_dataframe().reset_index()[[*columns]]
     if "mode" in columns:
-        frame = frame[frame["mode"] != "not_run"]  # over a parameter: an attractor that is not there
+        frame = frame[frame["mode"] != "not_run"]  # an attractor that does not exist at this value
     units = {HEADS.get(each, each): units_shown(table[each].attrs.get("units", "1")) for each in columns}
     tell.rows(name, units, frame.itertuples(index=False, name=None))

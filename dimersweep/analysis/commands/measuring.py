@@ -1,4 +1,4 @@
-"""The commands for what was measured: a record of the plate's accelerations, and a track of the dimer."""
+"""The commands for measurements: a record of the plate's accelerations, and a track of the dimer."""
 
 import re
 from pathlib import Path
@@ -26,10 +26,10 @@ from dimersweep.symbols import PARAMETERS
 if TYPE_CHECKING:
     import xarray as xr
 
-# of columns and of decimals; a comma is one of both, so it comes last
+# separators of columns, with those of decimals; a comma may be either, so it comes last as a separator of columns
 SEPARATORS = ((";", "."), (";", ","), ("\t", "."), ("\t", ","), (r"\s+", "."), (r"\s+", ","), (",", "."))
-BRACKETS = r"[\[(](.*)[\])]"  # about a unit
-SOUGHT = 500  # lines in which the first numbers stand
+BRACKETS = r"[\[(](.*)[\])]"  # brackets around a unit
+SOUGHT = 500  # lines within which the first numbers must stand: a longer head is no head
 Column = Annotated[str | None, option("Its column, where it is not found by its name.", metavar="NAME")]
 
 
@@ -71,7 +71,7 @@ def waveform(
 
 
 def fitted() -> list[str]:
-    """Return how ranges begin of what can be fitted."""
+    """Return the beginnings of all ranges that can be fitted, for completion by a shell."""
     return [f"{name}=" for name in (*PARAMETERS, "spin")]
 
 
@@ -104,7 +104,7 @@ def fit(
 
         table = table_of(track)
         columns = named(track, table, {"t": t, "x": x, "y": y}, "xy")
-        seen = table[[*columns.values()]].dropna("sample")  # without frames in which nothing was seen
+        seen = table[[*columns.values()]].dropna("sample")  # frames in which the camera found no dimer are empty
         drawn = cycloid if moving else circle
         path = drawn(seen[columns["t"]], seen[columns["x"]], seen[columns["y"]], sigma)
         tell(in_lines(str(path)[1:-1]), track=path.values, track_errors=path.errors, sigma=path.sigma)
@@ -125,10 +125,10 @@ def fit(
 
 
 def named(path: Path, table: "xr.Dataset", given: dict[str, str | None], wanted: str) -> dict[str, str]:
-    """Return the columns of t and of axes: those given, or those with such names as t, z, az, a_z or acc_z.
+    """Return the columns of t and of axes: given by the user, or with names such as t, z, az, a_z or acc_z.
 
-    Where none of the wanted axes has such a name, they are the columns that are left, if these are as many. Raise a
-    ParameterError if one is missing, or several have such names.
+    If none of the wanted axes has such a name, they are the columns that are left, if their number fits. Raise a
+    ParameterError if a column is missing, or several have such names.
     """
     from dimersweep.inputs import is_unit
 
@@ -146,7 +146,7 @@ def named(path: Path, table: "xr.Dataset", given: dict[str, str | None], wanted:
             known[axis] = found[0]
     missing = [axis for axis in ("t", *wanted) if axis not in known]
     left = [name for name in names if name not in known.values()]
-    # the first column is that of the times only where there is no head: it may be one of numbers of frames
+    # without a head the first column has the times; with a head it may be another one, such as numbers of frames
     as_they_stand = "t" not in missing or names[0] == "1"
     if as_they_stand and {*missing} >= {*wanted} and len(left) == len(missing):
         return known | dict(zip(missing, left, strict=True))
@@ -156,12 +156,14 @@ def named(path: Path, table: "xr.Dataset", given: dict[str, str | None], wanted:
 
 
 def table_of(path: Path) -> "xr.Dataset":
-    """Return the columns of a file of numbers, however a logger separates them, with the units in its head.
+    """Return the columns of a file of numbers, with the units in its head.
+
+    Loggers separate columns and decimals in several ways, which are tried one after the other.
 
     Raises
     ------
     ParameterError
-        If it has no columns of numbers.
+        If the file has no columns of numbers.
     """
     import pandas as pd
     import xarray as xr
