@@ -1,1 +1,1 @@
-"""All that touches the disk: cubes as files, and the store of finished tiles."""
+"""Files on disk: cubes in their formats, and stores of finished tiles."""

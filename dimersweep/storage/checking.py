@@ -1,4 +1,4 @@
-"""Whether what was read is the program's, and still as it was written: its configuration, its coordinates and its values."""
+"""Check that a cube or a run that was read is one of this program, and is unchanged since it was written."""
 
 import os
 from pathlib import Path
@@ -17,21 +17,23 @@ from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS
 
 
 def configuration_of(dataset: xr.Dataset, what: str, path: Path, noun: str = "NetCDF file") -> dict[str, Any]:
-    """The configuration of a cube or a run that was read, if it is one of this program's, and intact.
+    """Return the configuration of a cube or a run that was read, if it is one of this program, and intact.
 
     Parameters
     ----------
     dataset : xarray.Dataset
+        Dataset that was read.
     what : str
-        What it is to be: cube or run.
+        Expected kind of the dataset: cube or run.
     path : Path
+        Its path, for messages.
     noun : str
-        What it is otherwise.
+        Noun for a file of its format, for messages.
 
     Raises
     ------
     StoreError
-        If it is another thing, of another format, or its configuration was changed.
+        If it is of another kind or another version of the format, or its configuration was changed.
     """
     version = dataset.attrs.get(f"dimersweep_{what}")
     if version is None:
@@ -47,18 +49,18 @@ def configuration_of(dataset: xr.Dataset, what: str, path: Path, noun: str = "Ne
 
 
 def changed(what: str, path: Path, why: str = "") -> StoreError:
-    """The error for a cube or a run that is no longer as it was written."""
+    """Return the error for a cube or a run that was changed since it was written."""
     then = "; sweep it again" if what == "cube" else ""
     return StoreError(f"{path}: is a {what} of dimersweep that was changed or is incomplete{why and f' ({why})'}{then}")
 
 
 def checksum_of(cube: xr.Dataset) -> str:
-    """The checksum of all variables of a cube; of a lazy one each block is read once, and none is kept.
+    """Return the checksum of all variables of a cube; blocks of a lazy cube are read one by one.
 
     Raises
     ------
     StoreError
-        If a value of a lazy one is damaged.
+        If a value of a lazy cube is damaged.
     """
     checksum = Checksum(cube)
     for name, variable in cube.variables.items():
@@ -68,18 +70,19 @@ def checksum_of(cube: xr.Dataset) -> str:
 
 
 def soundness(cube: xr.Dataset) -> str:
-    """Whether a cube is as it was written.
+    """Return whether a cube is as it was written, in a word: whole, part or changed.
 
     Returns
     -------
     str
-        whole; a part, if its user has taken one, or has added variables; else changed: cut, turned, moved, or in any value. Of
-        one without a checksum, as earlier versions have written them, the axes are compared with its configuration.
+        "whole"; "part" if a user has taken a part of it, or has added variables; else "changed": cut, transposed,
+        moved, or in any value. Cubes of earlier versions have no checksum; their axes are compared with their
+        configuration.
 
     Raises
     ------
     StoreError
-        If a value of a lazy one is damaged.
+        If a value of a lazy cube is damaged.
     """
     complete, written = _has_declared_axes(cube), cube.attrs.get(CHECKSUM)
     if written is None:
@@ -97,6 +100,7 @@ def check_unchanged(cube: xr.Dataset, path: str | Path) -> None:
     Raises
     ------
     StoreError
+        If it is only a part, or was changed.
     """
     if soundness(cube) != "whole":
         raise StoreError(
@@ -105,7 +109,9 @@ def check_unchanged(cube: xr.Dataset, path: str | Path) -> None:
 
 
 def check_configured(cube: xr.Dataset, path: str | os.PathLike[str]) -> None:
-    """Refuse a cube whose configuration is that of other points, as xarray keeps the first one's of several cubes.
+    """Refuse a cube whose configuration is that of other points.
+
+    Such a cube is cut, or joined from several: xarray keeps the attributes of the first.
 
     Raises
     ------
@@ -118,7 +124,7 @@ def check_configured(cube: xr.Dataset, path: str | os.PathLike[str]) -> None:
 
 
 def _has_declared_axes(cube: xr.Dataset) -> bool:
-    """Whether a cube has the points that its configuration tells, in their order, and a result of each kind there."""
+    """Return True if a cube has the points of its configuration, in order, and all results of each point."""
     try:
         configuration = configuration_in(cube.attrs)
     except ValueError:

@@ -1,4 +1,4 @@
-"""Cubes on disk: written whole or not at all, never over another file unasked, and checked when they are opened."""
+"""Write cubes, whole or not at all, and open them, with checks against damage and changes."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -32,23 +32,25 @@ def write_cube(
     scratch: Path | None = None,
     kept: str = "",
 ) -> None:
-    """Write a dataset that is in memory, in the format of its ending, under a temporary name that then becomes `path`.
+    """Write a dataset in memory to `path`, in the format of the ending, in one step.
 
     Parameters
     ----------
     cube : xarray.Dataset
+        Dataset in memory.
     path : path-like
+        File to write.
     force : bool
-        Whether it may replace an existing file.
+        If True, an existing file may be replaced.
     scratch : Path, optional
-        Its temporary name, see `replacing`.
+        Temporary path, see `replacing`.
     kept : str
-        What the message of an error tells of results that are not lost.
+        Advice at the end of an error message, on results that are kept.
 
     Raises
     ------
     StoreError
-        If the file exists and `force` is not given, or the disk refuses.
+        If the file exists and `force` is False, or the disk refuses.
     """
     path = check_output(path, force=force, endings=None)
     write = format_of(path).write
@@ -58,7 +60,7 @@ def write_cube(
 
 
 def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Read a cube that `sweep` wrote.
+    """Open a cube that `sweep` wrote.
 
     Parameters
     ----------
@@ -69,7 +71,7 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        As it was returned by `sweep`.
+        The cube, as `sweep` returned it.
 
     Raises
     ------
@@ -102,12 +104,12 @@ def open_cube(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def open_result(path: Path) -> xr.Dataset:
-    """A cube, see `open_cube`, or a table of attractors or orbits, which is told by its columns.
+    """Open a cube, see `open_cube`, or a table of attractors or orbits; these are recognised by their columns.
 
     Raises
     ------
     StoreError
-        If it is neither.
+        If the file is neither a cube nor such a table.
     """
     with format_at(path).opened(path) as data:
         if {"attractor", "slow_multiplier"} & {*data.variables}:
@@ -116,19 +118,19 @@ def open_result(path: Path) -> xr.Dataset:
 
 
 def count_modes(path: str | os.PathLike[str]) -> dict[str, int]:
-    """How many points of the cube at `path` are in each mode; they are read block by block.
+    """Return the number of points in each mode of the cube at `path`, which is read block by block.
 
     Raises
     ------
     StoreError
-        See `open_cube`.
+        As by `open_cube`.
     """
     with _opened(Path(path)) as cube:
         return modes_in(cube)
 
 
 def modes_in(cube: xr.Dataset) -> dict[str, int]:
-    """How many points of `cube` are in each mode, the most frequent first; a lazy one is read block by block."""
+    """Return the number of points of `cube` in each mode, the most frequent first; read a lazy cube by blocks."""
     counts = np.zeros(len(MODES), dtype=np.int64)
     for _, where in blocks(cube["mode"].shape):
         values = cube["mode"][where].values.ravel()
@@ -139,7 +141,7 @@ def modes_in(cube: xr.Dataset) -> dict[str, int]:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[xr.Dataset]:
-    """The cube at `path`, whose values are still to be read, if what it tells of itself is sound."""
+    """Open the cube at `path`, check its configuration and codes; values are still to be read."""
     found = format_at(path)
     if os.path.isdir(path) and not found.marker:
         folders = " or ".join(each.ending for each in FORMATS.values() if each.marker)
@@ -161,7 +163,7 @@ def _opened(path: Path) -> Iterator[xr.Dataset]:
 
 
 def _fixed_as_configured(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
-    """Whether what has one value is as the configuration says: single values have no checksum of their own."""
+    """Return True if single values are as the configuration says: they have no checksum of their own."""
     varied = {*configuration.get("grid", {}), *configuration.get("points", {})}
     single = {name for name, each in cube.coords.items() if not each.ndim} - varied
     settings = completed(configuration.get("fixed", {})) | (settings_in(configuration) if single & {*SETTINGS} else {})

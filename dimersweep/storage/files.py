@@ -1,4 +1,4 @@
-"""Writing files so that they are whole or absent, whenever the process is killed, and saying why one could not be written."""
+"""Write files so that they are whole or absent, whenever the process is killed, and report errors of the disk."""
 
 import errno
 import os
@@ -12,12 +12,12 @@ from uuid import uuid4
 
 from dimersweep.errors import StoreError
 
-# of a file that is being written, or that a kill has left half written
+# name of a file that is being written, or that a kill has left half written
 HALF = re.compile(r"\.dimersweep-[0-9a-f]{32}\.tmp")
 
 
 def sync(path: Path) -> None:
-    """Have the system put a file, or the names in a folder, on the disk."""
+    """Flush a file, or the names in a folder, to the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -30,19 +30,21 @@ def sync(path: Path) -> None:
 
 @contextmanager
 def replacing(path: Path, scratch: Path | None = None) -> Iterator[Path]:
-    """Where to write a file, or a folder, that then, whole and on the disk, takes the name `path`; goes if it is not written.
+    """Yield a temporary path to write a file or a folder to, which then takes the name `path` in one step.
+
+    The file is whole and on the disk before it takes the name. It is deleted if the context ends with an error.
 
     Parameters
     ----------
     path : Path
-        A file that is there stays as it is until then, and a folder is moved away whole: a kill leaves no half of it under its
-        name.
+        Final name. A file of this name stays as it is until the end. A folder is moved away whole, so that a kill
+        leaves no half of it under its name.
     scratch : Path, optional
-        The temporary name, in a folder that is the program's own and locked, where the next process finds what a kill has
-        left; by default one that nobody else has, beside `path`. A file of that name that a kill has left stays: another
-        process, on this machine or another, might be at work on it. The files of a folder are on the disk already.
+        Temporary path, known to the next process under the same lock, which deletes what a kill has left there. By
+        default a new name beside `path`. A file that a kill leaves under such a name stays, as another process might be
+        at work on it. The caller must have flushed the files of a folder to the disk.
     """
-    # not of `tempfile`: its files can be read by their owner only, and keep that under their final names
+    # not by `tempfile`, whose files only their owner may read, also under their final names
     temporary = scratch or path.with_name(f".dimersweep-{uuid4().hex}.tmp")
     former = temporary.with_suffix(".old")
     try:
@@ -62,7 +64,7 @@ def replacing(path: Path, scratch: Path | None = None) -> Iterator[Path]:
 
 
 def delete(path: Path) -> None:
-    """Delete a file or a link, or a folder with all that is in it, if it is there."""
+    """Delete a file or a link, or a folder with all its files, if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path)
     else:
@@ -71,11 +73,12 @@ def delete(path: Path) -> None:
 
 @contextmanager
 def disk_errors(what: str, then: str) -> Iterator[None]:
-    """Turn an error of the disk into one line that names `what` could not be written, and says what `then` holds.
+    """Turn errors of the disk into one line: `what` could not be written, and `then` as advice.
 
     Raises
     ------
     StoreError
+        For any error of the disk, SQLite or netCDF-C.
     """
     try:
         yield

@@ -1,4 +1,7 @@
-"""One process at a time at a store: a lock on a byte of its file, which the system drops with its holder, however that ends."""
+"""Lock a store for one process at a time.
+
+The lock lies on a byte of the file of the store. The system releases it when its process ends, however that happens.
+"""
 
 import errno
 import fcntl
@@ -10,27 +13,30 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # of network disks that are mounted without them
-BYTE = 0x40000200  # the first one behind those that SQLite locks
-# A lock of an open file, not of a process: SQLite opens and closes the same file, which drops all locks of a process on it.
-if sys.platform == "darwin":  # Python does not name them
+NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # errors of network disks that are mounted without locks
+BYTE = 0x40000200  # the first byte behind those that SQLite locks (0x40000000 and the 511 after it)
+# A lock of an open file, not of a process: SQLite opens and closes the same file, which drops all locks of a process on
+# it.
+if sys.platform == "darwin":  # Python has no names for these numbers there
     ASK, TAKE, FLOCK, KIND = 92, 90, struct.Struct("qqihh"), 3
     WANTED = (BYTE, 1, 0, fcntl.F_WRLCK, os.SEEK_SET)
 else:
     ASK, TAKE, FLOCK, KIND = fcntl.F_OFD_GETLK, fcntl.F_OFD_SETLK, struct.Struct("hhqqi4x"), 0
     WANTED = (fcntl.F_WRLCK, os.SEEK_SET, BYTE, 1, 0)
 
-# Device and number of the files that this process has locked: to open and close one once more could cost SQLite its locks.
+# Device and number of the files that this process has locked: to open and close one once more could cost SQLite its
+# locks.
 _held: set[tuple[int, int] | None] = set()
 _guard = threading.Lock()
 
 
 def _on_byte(handle: int, what: int) -> int:
-    """Ask for the lock on the byte, or take it; the kind of lock that is in its way."""
+    """Ask for the lock on the byte (ASK), or take it (TAKE); return the kind of lock that is in the way."""
     return int(FLOCK.unpack(fcntl.fcntl(handle, what, FLOCK.pack(*WANTED)))[KIND])
 
 
 def _number(file: Path | int) -> tuple[int, int] | None:
+    """Return device and inode of a file; None if there is no file."""
     with suppress(FileNotFoundError):
         found = os.stat(file)
         return found.st_dev, found.st_ino
@@ -38,7 +44,7 @@ def _number(file: Path | int) -> tuple[int, int] | None:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a process is at work at the store `path`."""
+    """Return True if a process is at work at the store `path`."""
     with _guard, suppress(OSError):
         if _number(path) in _held:
             return True
@@ -51,7 +57,7 @@ def is_locked(path: Path) -> bool:
 
 
 def _take(path: Path) -> tuple[int, bool]:
-    """An open file, locked, and whether there are locks."""
+    """Open a file and lock it; return its handle, and False if the file system has no locks."""
     honest = True
     with _guard:
         if _number(path) in _held:
@@ -69,6 +75,7 @@ def _take(path: Path) -> tuple[int, bool]:
 
 
 def _let_go(handle: int) -> None:
+    """Release the lock of an open file, and close it."""
     with _guard:
         _held.discard(_number(handle))
         os.close(handle)
@@ -76,17 +83,17 @@ def _let_go(handle: int) -> None:
 
 @contextmanager
 def locked(path: Path) -> Iterator[tuple[bytes, bool]]:
-    """Hold the lock of a store: gives the first bytes of its file, and whether the file system has locks.
+    """Hold the lock of a store; yield the first bytes of its file, and True if the file system has locks.
 
     Parameters
     ----------
     path : Path
-        A file that is made if it is missing. A link is refused: it might lead to a file of the user's.
+        File of the store, which is made if it is missing. A link is refused, as it might lead to a file of the user's.
 
     Raises
     ------
     BlockingIOError
-        If another process, or another thread of this one, holds it.
+        If another process, or another thread of this one, has the lock.
     OSError
         If the file cannot be made.
     """

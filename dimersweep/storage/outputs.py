@@ -1,4 +1,4 @@
-"""Outputs, checked before any work is done: names, endings, and what is there already."""
+"""Check outputs before any work is done: their names, their endings, and files that exist already."""
 
 import os
 import stat
@@ -8,7 +8,8 @@ from pathlib import Path
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.storage.formats import FORMATS, format_of
 
-CUBES, TABLES = tuple(FORMATS), (".nc",)  # of sweeps; of single runs, borders, branches and families
+# endings of cubes; endings of single runs, borders, branches and families
+CUBES, TABLES = tuple(FORMATS), (".nc",)
 
 
 def check_output(
@@ -19,27 +20,32 @@ def check_output(
     what: str = "a cube",
     endings: tuple[str, ...] | None = CUBES,
 ) -> Path:
-    """Refuse an output that could not be written, or whose ending promises another format, before any work is done.
+    """Refuse an output that could not be written, or whose ending promises another format, before any work.
 
     Parameters
     ----------
     path : path-like
-        The file to be.
+        The output to be written.
     force : bool
-        Whether it may replace an existing file.
+        If True, an existing file may be replaced.
     name, what : str
-        What the message calls it.
+        Names of the parameter and of the output in messages.
     endings : tuple of str, optional
-        Each kind of output has endings of its own (`CUBES`, `TABLES`, and those of pictures, movies and pages), so that two
-        outputs of different kinds never have one name. None: its ending was checked before.
+        Allowed endings. Each kind of output has its own (`CUBES`, `TABLES`, and those of pictures, movies and pages),
+        so that two outputs of different kinds never have one name. None if the ending was checked before.
+
+    Returns
+    -------
+    Path
+        The path of the output.
 
     Raises
     ------
     ParameterError
         As by `check_ending`.
     StoreError
-        If it exists, or its folder does not, or nothing can be created there; and, `force` or not, if it is a link, a
-        device or anything else that is no file (or no folder of its format, for an ending of one that has folders).
+        If the output exists, or its folder does not, or no file can be created there. With `force`, too, if it is a
+        link, a device or another thing that is no file (or no folder of its format, for a format with folders).
     """
     if endings is not None:
         check_ending(os.fspath(path), name=name, what=what, endings=endings)
@@ -59,13 +65,13 @@ def check_output(
 
 
 def _shown(path: str | os.PathLike[str]) -> str:
-    """A path as a message shows it: none and signs that a terminal would take for its own are seen."""
+    """Return a path as messages show it: quoted if it is empty, or has signs that a terminal would not print."""
     text = str(path)
     return text if text and text.isprintable() else repr(text)
 
 
 def _no_output(path: Path) -> str:
-    """Why `path` cannot be replaced by a file, or a Zarr group, whoever allows it; "" if it can."""
+    """Return the reason why `path` cannot be replaced by a file, or a Zarr group, even if allowed; "" if it can."""
     try:
         kind = os.lstat(path).st_mode
     except FileNotFoundError:
@@ -86,12 +92,12 @@ def _no_output(path: Path) -> str:
 
 
 def check_ending(path: str, *, name: str = "out", what: str = "a cube", endings: tuple[str, ...] = CUBES) -> str:
-    """`path`, if its ending is one of `endings`.
+    """Return `path` if its ending is one of `endings`.
 
     Raises
     ------
     ParameterError
-        If it is not: the ending would promise another format.
+        If the ending is another one, which would promise another format.
     """
     if Path(path).suffix not in endings:
         *others, last = endings
@@ -101,7 +107,7 @@ def check_ending(path: str, *, name: str = "out", what: str = "a cube", endings:
 
 
 def refuse_input(out: Path, given: Path) -> None:
-    """Refuse an output that would replace a file that the same call reads.
+    """Refuse an output that would replace a file which the same call reads.
 
     Raises
     ------

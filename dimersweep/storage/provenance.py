@@ -1,4 +1,4 @@
-"""Where a cube comes from: the code, the machine and the configuration, as attributes that NetCDF can hold."""
+"""Provenance of a cube: the code, the machine and the configuration, as attributes that NetCDF can hold."""
 
 import hashlib
 import json
@@ -23,36 +23,43 @@ from dimersweep.inputs import as_number
 from dimersweep.kernel import kernel_version
 from dimersweep.symbols import Picture
 
-FILE_FORMAT = "1"  # of cubes and runs
-PART = "part"  # in the configuration of a cube that has a part of its points, such as 3/20
+FILE_FORMAT = "1"  # version of the format of cubes and runs
+PART = "part"  # key in the configuration of a cube that has a part of its points only; its value is such as 3/20
 CHECKSUM = "values_sha256"  # attribute of a cube: the checksum of its coordinates and values
-OURS = {  # attributes of a cube that are the program's; a user may give its title and its kind of picture
+# attributes of a cube that the program sets; a user may set the title and the kind of picture
+OURS = {
     *("Conventions", "source", "references", "history", "dimersweep_cube", "configuration", "configuration_sha256"),
     *("kernel_version", "git_commit", "git_dirty", "python", "numpy", "numba", "llvmlite", "cpu", "platform"),
     *("wall_time_s", "kernel_time_s", "extends", CHECKSUM),
 }
-_OF_LIBRARIES = {"coordinates", "CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}  # of xarray and HDF5
+_OF_LIBRARIES = {
+    "coordinates",
+    "CLASS",
+    "NAME",
+    "DIMENSION_LIST",
+    "REFERENCE_LIST",
+}  # attributes that xarray and HDF5 use
 ATTRIBUTE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,99}")
-_NO_TEXT = re.compile("[\0\ud800-\udfff]")  # signs that no file can hold
+_NO_TEXT = re.compile("[\0\ud800-\udfff]")  # NUL and halves of surrogate pairs, which no file can hold
 
 
 def digest(configuration: str) -> str:
-    """The sha256 of a configuration text."""
+    """Return the sha256 of the text of a configuration."""
     return hashlib.sha256(configuration.encode()).hexdigest()
 
 
 def as_text(configuration: Mapping[str, Any]) -> str:
-    """A configuration as the JSON text that its digest is taken of; numbers keep every digit."""
+    """Return a configuration as JSON text, of which its digest is taken; numbers keep every digit."""
     return json.dumps(configuration)
 
 
 def configuration_in(about: Mapping[Any, Any]) -> dict[str, Any]:
-    """The configuration in attributes, or in what a store tells of itself, see `configured`.
+    """Return the configuration in the attributes of a cube, or in the metadata of a store, see `configured`.
 
     Raises
     ------
     ValueError
-        If it is another one than was written, or none: of another shape, or with axes or fixed parameters that are no numbers.
+        If it has other bytes than were written, another shape, or axes or fixed parameters that are no numbers.
     """
     text = about.get("configuration")
     if not isinstance(text, str) or digest(text) != about.get("configuration_sha256"):
@@ -74,16 +81,19 @@ def configuration_in(about: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _is_number(value: Any) -> bool:
+    """Return True for a number that is no bool."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _short(value: Any) -> str:
+    """Return a value as messages show it: of a long list its number of values and both ends."""
     if isinstance(value, list) and len(value) > 4:
         return f"{len(value)} values from {value[0]!r} to {value[-1]!r}"
     return "nothing" if value is None else json.dumps(value)
 
 
 def _flat(configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration without nested mappings: the keys of these follow after a point, as in fixed.mu."""
     flat: dict[str, Any] = {}
     for key, value in configuration.items():
         nested = value if isinstance(value, Mapping) else {"": value}
@@ -92,12 +102,12 @@ def _flat(configuration: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
-    """What has changed from one configuration to another, one line for each key, such as ``periods: 200 -> 400``."""
+    """Return the differences of two configurations, one line for each key, such as ``periods: 200 -> 400``."""
     before, after = _flat(old), _flat(new)
     keys = [key for key in before | after if before.get(key) != after.get(key)]
     changes = []
     for key in keys:
-        if key == "kernel_version":  # two hashes tell nobody anything
+        if key == "kernel_version":  # two hashes mean nothing to a reader
             changes.append("kernel_version: the sources of dimersweep are those of another version")
             continue
         was, now = _short(before.get(key)), _short(after.get(key))
@@ -108,6 +118,7 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
 
 
 def _git(*arguments: str) -> str | None:
+    """Return the output of a git command in the folder of the program; None if it fails."""
     command = ["git", "-C", str(Path(__file__).parent), *arguments]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False)
@@ -117,6 +128,7 @@ def _git(*arguments: str) -> str | None:
 
 
 def _commit() -> dict[str, str]:
+    """Return the attributes on the commit of the program, "unknown" for an installed copy."""
     # an installed copy may lie inside somebody else's repository: ask for this very file first
     if _git("ls-files", "--error-unmatch", Path(__file__).name) is None:
         return {"git_commit": "unknown", "git_dirty": "unknown"}
@@ -126,7 +138,7 @@ def _commit() -> dict[str, str]:
 
 @cache
 def cpu() -> str:
-    """Name of the processor."""
+    """Return the name of the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:  # not Linux
@@ -136,27 +148,27 @@ def cpu() -> str:
 
 
 def configured(configuration: Mapping[str, Any]) -> dict[str, str]:
-    """The configuration as attributes: JSON and its sha256."""
+    """Return a configuration as attributes: JSON and its sha256."""
     text = as_text(configuration)
     return {"configuration": text, "configuration_sha256": digest(text)}
 
 
 def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -> dict[str, str | float]:
-    """Global attributes of a cube.
+    """Return the global attributes of a cube.
 
     Parameters
     ----------
     configuration : mapping
-        All that decides the numbers of the cube, as JSON can hold it.
+        All settings that decide the numbers of the cube, as JSON can hold them.
     title : str
-        What the cube shows.
+        Title of the cube.
     wall_time : float
         Duration of the sweep [s].
 
     Returns
     -------
     dict
-        Strings and floats only: NetCDF takes no dict, None or bool.
+        Strings and floats only, as NetCDF has no dict, None or bool.
     """
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return {
@@ -180,7 +192,7 @@ def attributes(configuration: Mapping[str, Any], title: str, wall_time: float) -
 
 
 def check_attrs(attrs: Any) -> dict[str, Any]:
-    """Attributes that a user gives a cube, as every format of cubes bears them.
+    """Return the attributes that a user gives a cube, if every format can hold them.
 
     Parameters
     ----------
@@ -189,7 +201,7 @@ def check_attrs(attrs: Any) -> dict[str, Any]:
     Raises
     ------
     ParameterError
-        For a name that is the program's or that no file can have, and for any other value.
+        For a name that the program uses or that no file can have, and for a value of another type.
     """
     if not isinstance(attrs, Mapping | None):
         raise ParameterError(f"attrs = {reprlib.repr(attrs)}: must be a mapping of names to values")
@@ -202,6 +214,7 @@ def check_attrs(attrs: Any) -> dict[str, Any]:
 
 
 def _attribute(name: str, value: Any) -> str | int | float | np.ndarray:
+    """Return the value of an attribute, checked; raise a ParameterError if it is not allowed."""
     shown = f"attrs: {name} = {reprlib.repr(value)}"
     if isinstance(value, str) and not _NO_TEXT.search(value):
         if name == "plot" and value not in get_args(Picture):
@@ -218,6 +231,7 @@ def _attribute(name: str, value: Any) -> str | int | float | np.ndarray:
 
 
 def _number(name: str, value: Any) -> int | float:
+    """Return a finite number as int or float; raise a ParameterError for a text."""
     if isinstance(value, str):
         raise ParameterError
     number = as_number(name, value)

@@ -1,9 +1,9 @@
-"""The store of a long calculation: one SQLite file beside its output, with what it is of and what is finished of it.
+"""The store of a long calculation: one SQLite file beside the output, with its configuration and its finished tiles.
 
-Of a calculation without an output it is one of SQLite's in memory.
+A calculation without an output has an SQLite store in memory.
 
-What a process killed at any moment leaves behind is a file that SQLite brings back to its last whole transaction. What is
-damaged by other means is found by checksums, named, and left out; the rest is kept.
+A process that is killed at any moment leaves a file that SQLite brings back to the last whole transaction. Other damage
+is found by checksums, reported, and left out; sound tiles are kept.
 """
 
 import hashlib
@@ -31,11 +31,12 @@ from dimersweep.storage.locking import is_locked, locked
 from dimersweep.storage.provenance import as_text, configuration_in, configured, cpu, differences
 
 FORMAT = 4
-APPLICATION = 0x64696D65  # in the head of each of our files: others are never deleted
+APPLICATION = 0x64696D65  # "dime", the mark in the head of each store: files without it are never deleted
 MAGIC = b"SQLite format 3\0"
-PLACE_OF_APPLICATION, PLACE_OF_VERSIONS = slice(68, 72), slice(18, 20)  # in the first bytes of a file
-BUSY_SECONDS = 10.0  # that a reader may hold up the end of a transaction
-NAMED = 5  # damaged tiles that are named one by one
+# places in the head of a file, as SQLite's file format defines them
+PLACE_OF_APPLICATION, PLACE_OF_VERSIONS = slice(68, 72), slice(18, 20)
+BUSY_SECONDS = 10.0  # time for which a reader may delay the end of a transaction
+NAMED = 5  # damaged tiles that a message names one by one
 SCHEMA = (
     "CREATE TABLE about (name TEXT PRIMARY KEY, value)",
     "CREATE TABLE tiles (start INTEGER PRIMARY KEY, stop INTEGER, what TEXT, seconds REAL, wall REAL, at TEXT,"
@@ -50,16 +51,17 @@ class StoredTile(NamedTuple):
     Attributes
     ----------
     start, stop : int
-        The points or parts `start` to `stop` - 1.
+        The tile has the points (or parts) `start` to `stop` - 1.
     what : str
-        How many points are in each mode, as JSON; of a part, its name.
+        Number of points in each mode, as JSON; for a part of a table, its name.
     seconds, wall : float
-        Time of its points, and of the calculation since the rows before it were written [s].
+        Time of the points of the tile, and of the calculation since the rows before it were written [s].
     at : str
-        When it was written, UTC.
+        Time when the tile was written (UTC, ISO 8601).
     sha256 : str
-        Of the configuration, all of the above, and the results.
+        Checksum of the configuration, of all of the above, and of the results.
     results : bytes or memoryview
+        Results in the bytes of their array.
     """
 
     start: int
@@ -73,22 +75,23 @@ class StoredTile(NamedTuple):
 
 
 class Store:
-    """A store that is open, see `looked_at` and `opened_store`.
+    """An open store, see `looked_at` and `opened_store`.
 
     Parameters
     ----------
     path : Path
+        File of the store.
     how : str
-        How it is opened, as in the address of an SQLite file.
+        Way to open the file, in the words of an SQLite address (URI).
 
     Attributes
     ----------
     connection : sqlite3.Connection
-        What is changed in its context is on the disk at the end of that, or nothing of it is.
+        Connection to the file. At the end of its context all changes are on the disk, or none.
     trouble : list of str
-        What was damaged when it was opened, in words.
+        Sentences on the damage that was found when the store was opened.
     is_cut : bool
-        Whether parts of it could not be read.
+        True if parts of the file could not be read.
     """
 
     def __init__(self, path: Path, how: str) -> None:
@@ -98,34 +101,34 @@ class Store:
         place = f"file:{quote(os.fsencode(path.absolute()))}?{how}"
         self.connection = sqlite3.connect(place, timeout=BUSY_SECONDS, isolation_level="IMMEDIATE", uri=True)
         self.connection.text_factory = lambda text: text.decode(errors="replace")  # a checksum finds what is damaged
-        # the second one lets a file be read from which the end was cut
+        # a writable schema lets SQLite read a file whose end was cut off
         for setting in ("trusted_schema = OFF", "writable_schema = ON"):
             self.pragma(setting)
 
     def pragma(self, words: str) -> Any:
-        """What SQLite answers to a pragma; None of a file that is damaged."""
+        """Return the answer of SQLite to a pragma; None if the file is damaged."""
         try:
             return self.connection.execute(f"PRAGMA {words}").fetchone()
-        except sqlite3.OperationalError:  # of the disk, not of what is on it
+        except sqlite3.OperationalError:  # the disk fails, while its content may be sound
             raise
         except sqlite3.DatabaseError:
             return None
 
     @cached_property
     def about(self) -> dict[str, Any]:
-        """What it is of.
+        """Metadata of the calculation that this store belongs to, by name.
 
         Raises
         ------
         StoreError
-            If that cannot be read, or was written by another version of the format.
+            If they cannot be read, or were written in another version of the format.
         """
         try:
             schema = self.connection.execute("SELECT sql FROM sqlite_master WHERE sql NOT NULL").fetchall()
             about = dict(self.connection.execute("SELECT name, value FROM about"))
             configuration_in(about)
             sound = type(about["points"]) is type(about["wanted"]) is int and 0 < about["wanted"] <= about["points"]
-            sound = sound and bool(HALF.fullmatch(about["scratch"]))  # nothing else is ever deleted
+            sound = sound and bool(HALF.fullmatch(about["scratch"]))  # only files with such names are deleted
         except (sqlite3.Error, ValueError, KeyError, TypeError):
             sound = False
         if not sound:
@@ -137,7 +140,7 @@ class Store:
 
     @property
     def configuration(self) -> dict[str, Any]:
-        """All that decides the numbers."""
+        """All settings that decide the numbers."""
         return configuration_in(self.about)
 
     @property
@@ -147,16 +150,16 @@ class Store:
 
     @property
     def scratch(self) -> Path:
-        """Where the output is written before it takes its name: the next process deletes what a kill has left there."""
+        """Temporary path of the output while it is written; the next process deletes what a kill has left there."""
         return self.path.with_name(self.about["scratch"])
 
     def check_of(self, about: Mapping[str, Any]) -> None:
-        """Refuse a store of something else.
+        """Refuse the store of another calculation than that of the metadata `about`.
 
         Raises
         ------
         StoreError
-            With what differs.
+            If configurations differ; the message lists the differences.
         """
         if self.about["configuration"] != about["configuration"]:
             found = differences(self.configuration, configuration_in(about))
@@ -170,14 +173,17 @@ class Store:
             raise StoreError(f"{self.path}: is damaged ({why}); begin anew (force=True)")
 
     def rows(self, columns: str = "*") -> Iterator[StoredTile]:
-        """All rows, without the columns that are not named; of a damaged file those that can be read, from both ends."""
+        """Yield all rows, with default values in columns that are not named.
+
+        Of a damaged file, yield the rows that can be read from its beginning, and then those from its end.
+        """
         reached = -1
         try:
             for row in self.connection.execute(f"SELECT {columns} FROM tiles ORDER BY start"):
                 reached = row[0]
                 yield StoredTile(*row)
         except sqlite3.DatabaseError as error:
-            if isinstance(error, sqlite3.OperationalError):  # of the disk, not of what is on it
+            if isinstance(error, sqlite3.OperationalError):  # the disk fails, while its content may be sound
                 raise
             self.is_cut = True
             with suppress(sqlite3.DatabaseError):
@@ -185,20 +191,20 @@ class Store:
                 yield from (StoredTile(*row) for row in self.connection.execute(beyond, (reached,)))
 
     def summaries(self) -> Iterator[StoredTile]:
-        """All rows without their results and checksums."""
+        """Return all rows without their results and checksums."""
         return self.rows("start, stop, what, seconds, wall, at")
 
     def gaps(self) -> list[Tile]:
-        """The ranges that are not yet on disk."""
+        """Return the ranges of points that the store lacks."""
         return list(gaps(self.size, (Tile(row.start, row.stop) for row in self.summaries())))
 
     def meeting(self, start: int, stop: int) -> Iterator[StoredTile]:
-        """The rows that have points from `start` to `stop` - 1, in order.
+        """Yield the rows that have points from `start` to `stop` - 1, in order.
 
         Raises
         ------
         StoreError
-            If one was damaged since the store was opened.
+            If a row was damaged since the store was opened.
         """
         before = "coalesce((SELECT max(start) FROM tiles WHERE start <= ?), 0)"
         asked = f"SELECT * FROM tiles WHERE start >= {before} AND start < ? AND stop > ? ORDER BY start"
@@ -212,11 +218,12 @@ class Store:
             raise StoreError(f"{self.path}: cannot be read ({error}); run the same again") from None
 
     def put(self, row: StoredTile) -> None:
-        """Add a row, with the time and its checksum."""
+        """Add a row, with the present time and its checksum."""
         row = row._replace(at=datetime.now(UTC).isoformat(timespec="seconds"))
         self._insert(row._replace(sha256=self._checksum(row)))
 
     def _insert(self, row: StoredTile) -> None:
+        """Add a row as it is."""
         self.connection.execute("INSERT INTO tiles VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
 
     def take_out(self, start: int) -> None:
@@ -224,35 +231,36 @@ class Store:
         self.connection.execute("DELETE FROM tiles WHERE start = ?", (start,))
 
     def tell(self, **about: str | int) -> None:
-        """Change what is written of the store."""
+        """Change metadata of the store."""
         self.connection.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", about.items())
         self.about.update(about)
 
     def _checksum(self, row: StoredTile) -> str:
+        """Return the checksum of a row: of the configuration, of its columns before `sha256`, and of its results."""
         sha256 = hashlib.sha256(json.dumps([self.about["configuration_sha256"], *row[:6]]).encode())
         sha256.update(row.results)
         return sha256.hexdigest()
 
     def why_not(self, row: StoredTile) -> str:
-        """Why the results of a row must not be used; "" if they may."""
+        """Return the reason why the results of a row must not be used; "" if they may be."""
         try:
             if self._checksum(row) != row.sha256:
                 return "has other bytes than were written"
             sound = 0 <= row.start < row.stop <= self.size and row.seconds + row.wall >= 0
             return "" if sound else "is not of this grid"
-        except TypeError:  # of a column that holds what it cannot
+        except TypeError:  # a damaged column has a value of another type
             return "has other bytes than were written"
 
     def is_empty(self) -> bool:
-        """Whether nothing is finished."""
+        """Return True if the store has no finished tile."""
         return next(self.summaries(), None) is None
 
     def is_new(self) -> bool:
-        """Whether nothing was ever written there."""
+        """Return True if the file has no page yet, so that nothing was ever written to it."""
         return bool(self.pragma("page_count") == (0,))
 
     def begin(self, about: Mapping[str, Any]) -> None:
-        """Make the tables of a new store.
+        """Make the tables of a new store, with the metadata `about`.
 
         Raises
         ------
@@ -265,7 +273,10 @@ class Store:
             self.connection.executemany("INSERT INTO about VALUES (?, ?)", about.items())
 
     def mended(self) -> list[str]:
-        """What is damaged, in words; a file with all that is whole is then in place of this one, which is to be closed."""
+        """Replace a damaged file by one with all sound rows, and return sentences on the damage.
+
+        The list is empty if there is no damage. Otherwise this store must be closed, as it is that of the former file.
+        """
         trouble = [f"{_named(row)} {why}" for row in self.rows() if (why := self.why_not(row))]
         if self.is_cut or self.pragma("quick_check(1)") != ("ok",):
             trouble.append("parts of the file cannot be read")
@@ -286,11 +297,11 @@ class Store:
         self.connection.close()
 
     def remove(self) -> None:
-        """Delete the file, and what a kill has left of an output half written."""
+        """Delete the file, and an output that a kill has left half written."""
         with suppress(StoreError):
             delete(self.scratch)
         self.close()
-        for ending in ("-journal", "-wal", "-shm", ""):  # the logs are there if a head that was damaged asks for them
+        for ending in ("-journal", "-wal", "-shm", ""):  # logs -wal and -shm exist if a damaged head has asked for them
             delete(self.path.with_name(self.path.name + ending))
 
 
@@ -299,15 +310,17 @@ Maker = Callable[[Path, str], AnyStore]
 
 
 def _named(row: StoredTile) -> str:
-    return f"tile {row.start}"  # where it ends may be damaged, too
+    """Return the name of a tile in messages."""
+    return f"tile {row.start}"  # without its end, which may be damaged, too
 
 
 def _refuse_others(path: Path) -> None:
-    """Refuse what is no file of the program's where its store is to be, or was.
+    """Refuse a folder, a link or a device at the path of a store; former versions kept tiles in a folder.
 
     Raises
     ------
     StoreError
+        If there is a folder, a link or a device.
     """
     if (path / "manifest.jsonl").exists():
         former = "is a folder, in which revisions up to a757d98 keep what is finished"
@@ -318,19 +331,19 @@ def _refuse_others(path: Path) -> None:
 
 @contextmanager
 def looked_at(path: Path) -> Iterator[Store]:
-    """The store at `path`, to be read only; another process may be at work there.
+    """Open the store at `path` to read it only; another process may be at work there.
 
     Raises
     ------
     StoreError
-        If there is something else.
+        If there is no store, or it cannot be read.
     """
     _refuse_others(path)
     try:
         store = Store(path, "mode=ro")
         try:
             store.is_new()
-        except sqlite3.OperationalError:  # a change is half done, which only who writes to it may take back
+        except sqlite3.OperationalError:  # a transaction was left half done, which only a writer may undo
             store.close()
             store = Store(path, "mode=ro&immutable=1")
         with closing(store):
@@ -342,7 +355,7 @@ def looked_at(path: Path) -> Iterator[Store]:
 
 
 def finished_at(path: Path, configuration: Mapping[str, Any]) -> list[StoredTile]:
-    """What is finished at `path`, without the results, if it is of this configuration; raises as `looked_at`."""
+    """Return the finished tiles at `path`, without results, if they have this configuration; raise as `looked_at`."""
     if not path.exists():
         return []
     with looked_at(path) as store:
@@ -350,24 +363,24 @@ def finished_at(path: Path, configuration: Mapping[str, Any]) -> list[StoredTile
 
 
 def holder(path: Path) -> str:
-    """Who is at work at the store `path`, or "" if nobody is."""
+    """Return a description of the process at work at the store `path`; "" if there is none."""
     if not is_locked(path):
         return ""
     try:
         with looked_at(path) as store:
             return "process {process} on {host}, since {since}".format_map(store.about)
-    except (StoreError, KeyError):  # it has not written its name yet
+    except (StoreError, KeyError):  # the process has not written its name yet
         return "another process"
 
 
 @contextmanager
 def _owned(make: Maker[AnyStore], path: Path) -> Iterator[AnyStore]:
-    """The store at `path`, locked against other processes while the context lasts.
+    """Open the store at `path`, locked against other processes while the context lasts.
 
     Raises
     ------
     StoreError
-        If another process holds it, naming that process, or there is a file of somebody else.
+        If another process has the lock (the message names it), or there is a file of somebody else.
     """
     _refuse_others(path)
     with ExitStack() as stack:
@@ -379,13 +392,13 @@ def _owned(make: Maker[AnyStore], path: Path) -> Iterator[AnyStore]:
         if not honest:
             message = "this file system has no locks; take care that no other sweep writes to the same output"
             warnings.warn(message, RuntimeWarning, stacklevel=2)
-        # what has our mark, or is too short for one, may be deleted, damaged or not
+        # a file with the mark of a store, or too short for one, may be deleted, whether it is damaged or not
         short = len(head) < PLACE_OF_APPLICATION.stop and MAGIC.startswith(head[: len(MAGIC)])
         if not short and head[PLACE_OF_APPLICATION] != APPLICATION.to_bytes(4):
             other = "lacks the mark of dimersweep, where what is finished is kept"
             raise StoreError(f"{path}: {other}; move it, or give another output")
         store = stack.enter_context(closing(make(path, "mode=rwc" if honest else "mode=rwc&nolock=1")))
-        store.is_cut = not short and head[PLACE_OF_VERSIONS] != b"\1\1"  # SQLite would not write to it
+        store.is_cut = not short and head[PLACE_OF_VERSIONS] != b"\1\1"  # SQLite refuses to write to other versions
         yield store
 
 
@@ -393,29 +406,29 @@ def _owned(make: Maker[AnyStore], path: Path) -> Iterator[AnyStore]:
 def opened_store(
     make: Maker[AnyStore], path: Path | None, configuration: Mapping[str, Any], size: int, *, force: bool = False
 ) -> Iterator[AnyStore]:
-    """The store of this configuration, locked against other processes while the context lasts.
+    """Open the store of this configuration, locked against other processes while the context lasts.
 
-    If that ends with an error, and nothing was finished, no file is left behind.
+    If the context ends with an error, and no tile was finished, the file is deleted.
 
     Parameters
     ----------
     make : callable
-        `Store`, or what has the parameters and the verbs of it.
+        `Store`, or a callable that makes a store from the same parameters.
     path : Path, optional
-        Without one it is in memory, and nobody else's.
+        File of the store; by default it is in memory.
     configuration : mapping
-        All that decides the numbers, as JSON can hold it.
+        All settings that decide the numbers, as JSON can hold them.
     size : int
         Number of points or parts.
     force : bool
-        Whether results of another configuration, or a damaged store, may be deleted. Sound ones of this very
+        If True, results of another configuration, or a damaged store, may be deleted. Sound results of this very
         configuration are kept all the same.
 
     Raises
     ------
     StoreError
-        If another process is at work there, what is there belongs to another configuration (with what differs), or
-        it cannot be written.
+        If another process is at work there, the store has another configuration (the message lists the differences), or
+        the file cannot be written.
     """
     about = _about(configuration, size)
     if path is None:
@@ -447,7 +460,7 @@ def opened_store(
 
 
 def _mended(make: Maker[Store], path: Path, about: Mapping[str, Any], *, force: bool) -> list[str]:
-    """Make sure that what is at `path` is whole, and goes with what is asked for; what was damaged, in words."""
+    """Mend the store at `path`, if it has this configuration, and return sentences on its damage."""
     with _owned(make, path) as store:
         try:
             if store.is_new():
@@ -462,7 +475,7 @@ def _mended(make: Maker[Store], path: Path, about: Mapping[str, Any], *, force: 
 
 
 def _about(configuration: Mapping[str, Any], size: int) -> dict[str, Any]:
-    """What a new store tells of itself."""
+    """Return the metadata of a new store."""
     return {
         "format": FORMAT,
         "layout": LAYOUT,

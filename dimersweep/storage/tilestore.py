@@ -1,4 +1,4 @@
-"""Results of a sweep in the store beside the cube to be, or in memory where there is none."""
+"""Store the results of a sweep, in a file beside its output, or in memory without an output."""
 
 import json
 from collections import Counter
@@ -17,25 +17,25 @@ from dimersweep.kernel.model.layout import CODE_MODE, M_NOT_RUN, MODES
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.store import Store, StoredTile, opened_store
 
-FLUSH_SECONDS = 0.5  # tiles that end within this time are written at once, so that fast sweeps do not wait for the disk
-DISK_SHARE = 0.05  # of the driver's time at most: on a slow disk, tiles are written less often
-FLUSH_BYTES = 1 << 26  # of tiles that wait, and of one row: more would take memory, and save no time
+FLUSH_SECONDS = 0.5  # time within which tiles are written together, so that fast sweeps do not wait for the disk
+DISK_SHARE = 0.05  # greatest share of the driver's time for the disk: on a slow disk, tiles are written less often
+FLUSH_BYTES = 1 << 26  # greatest size of tiles that wait, and of one row: more would take memory, and save no time
 
 
 def tiles_of(out: Path) -> Path:
-    """The store of the finished tiles of the cube `out`."""
+    """Return the path of the store with the finished tiles of the cube `out`."""
     return out.with_name(out.name + ".tiles")
 
 
 class TileStore(Store):
-    """Results of a sweep in a store; get one from `tile_store`.
+    """A store of the results of a sweep; `tile_store` opens one.
 
     Parameters
     ----------
     path, how
-        See `Store`.
+        As in `Store`.
     kind : dtype
-        Of the result of one point.
+        Type of the result of one point.
     """
 
     def __init__(self, path: Path, how: str, kind: np.dtype) -> None:
@@ -47,14 +47,14 @@ class TileStore(Store):
 
     @property
     def kept_if_refused(self) -> str:
-        """What is kept if the disk refuses to write, in words."""
+        """Words for a message on a disk error: which results are kept."""
         if self.is_empty():
             return "nothing was finished before"
         return f"what was finished before is kept in {self.path}; mend that and run the same again"
 
     @property
     def kept(self) -> str:
-        """What is kept if the sweep is stopped now, in words."""
+        """Words for a message when the sweep stops: which results are kept."""
         done = sum(self.modes().values())
         if not done:
             return "nothing was finished yet"
@@ -62,7 +62,7 @@ class TileStore(Store):
 
     @property
     def wall(self) -> float:
-        """Time of the sweep so far, with that of processes before this one [s]."""
+        """Duration of the sweep so far, with that of processes before this one [s]."""
         return sum(row.wall for row in self.summaries())
 
     @property
@@ -71,11 +71,11 @@ class TileStore(Store):
         return sum(row.seconds for row in self.summaries())
 
     def modes(self) -> dict[str, int]:
-        """Tally of the points that are kept."""
+        """Return the number of stored points in each mode."""
         return dict(modes_of(self.summaries()))
 
     def add(self, finished: Finished) -> None:
-        """Keep a finished tile; it is on disk after `FLUSH_SECONDS` (more on a slow disk), or with the next `flush`."""
+        """Add a finished tile; it is on disk after `FLUSH_SECONDS` (later on a slow disk), or with the next `flush`."""
         self._waiting.append(finished)
         self._waiting_bytes += finished.results.nbytes
         if perf_counter() - self._since > self._pause or self._waiting_bytes > FLUSH_BYTES:
@@ -88,7 +88,7 @@ class TileStore(Store):
         Raises
         ------
         StoreError
-            If the disk refuses; all that was written before is kept.
+            If the disk refuses; tiles that were written before are kept.
         """
         if not self._waiting:
             return
@@ -102,11 +102,12 @@ class TileStore(Store):
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
+        """Write in one transaction; turn errors of the disk into a StoreError."""
         with disk_errors(f"{self.path}: finished tiles", self.kept_if_refused), self.connection:
             yield
 
     def _pieces(self) -> Iterator[Finished]:
-        """What waits, in order, with tiles that touch made one, and none too large."""
+        """Yield the tiles that wait, in order: tiles that touch are merged, and large ones are split."""
         waiting = sorted(self._waiting, key=lambda finished: finished.tile)
         breaks = [k for k, (a, b) in enumerate(pairwise(waiting), 1) if a.tile.stop != b.tile.start]
         for first, last in pairwise([0, *breaks, len(waiting)]):
@@ -119,14 +120,16 @@ class TileStore(Store):
                 seconds = 0.0
 
     def _put(self, piece: Finished, wall: float) -> None:
+        """Add a row for a tile; `wall` is the time since the rows before it [s]."""
         results = self._packed(piece.results)
         self.put(StoredTile(*piece.tile, json.dumps(tally(piece.codes)), piece.seconds, wall, results=results))
 
     def _packed(self, results: np.ndarray) -> bytes | memoryview:
+        """Return results as the bytes of a row."""
         return np.ascontiguousarray(results).view(np.uint8).data
 
     def expect(self, total: int) -> None:
-        """Note how many points are to be run, where that is not the whole grid.
+        """Store the number of points that are to be run, where that is not the whole grid.
 
         Raises
         ------
@@ -138,7 +141,7 @@ class TileStore(Store):
                 self.tell(wanted=total)
 
     def drop(self, unwanted: Callable[[np.ndarray], np.ndarray]) -> None:
-        """Forget the points that `unwanted` picks: results to bool, both of shape (n,)."""
+        """Delete the points for which `unwanted` returns True: a function of results, both of shape (n,)."""
         for summary in list(self.summaries()):
             (row,) = self.meeting(summary.start, summary.start + 1)
             whole = self._finished(row)
@@ -150,7 +153,7 @@ class TileStore(Store):
                         self._put(piece, 0.0 if number else row.wall)
 
     def why_not(self, row: StoredTile) -> str:
-        """Why the results of a row must not be used; "" if they may."""
+        """Return the reason why the results of a row must not be used; "" if they may be."""
         why = super().why_not(row)
         if why or len(row.results) != (row.stop - row.start) * self.kind.itemsize:
             return why or "has results of another shape"
@@ -160,10 +163,11 @@ class TileStore(Store):
         return "" if known and json.dumps(tally(codes)) == row.what else "has other modes than were listed"
 
     def _finished(self, row: StoredTile) -> Finished:
+        """Return a row as a finished tile."""
         return Finished(Tile(row.start, row.stop), np.frombuffer(row.results, self.kind))
 
     def read(self, start: int, stop: int) -> np.ndarray:
-        """Results of the points `start` to `stop` - 1, shape (stop - start,); not run where they are missing.
+        """Return the results of the points `start` to `stop` - 1, shape (stop - start,); missing ones are not run.
 
         Raises
         ------
@@ -178,7 +182,7 @@ class TileStore(Store):
 
 
 class _HeldTiles(TileStore):
-    """Results of a sweep without an output: all in one array; the rows only tell of them."""
+    """A store of a sweep without an output: all results lie in one array, and rows have no bytes."""
 
     kept = "nothing is kept, as no output was given"
 
@@ -187,25 +191,28 @@ class _HeldTiles(TileStore):
         self._results = blank_results(size, kind)
 
     def add(self, finished: Finished) -> None:
+        """Copy a finished tile into the array, and add its row."""
         here = self._results[slice(*finished.tile)]
         here[:] = finished.results
         super().add(finished._replace(results=here))
 
     def _packed(self, results: np.ndarray) -> bytes:
+        """Return no bytes, as the results lie in the array."""
         return b""
 
     def read(self, start: int, stop: int) -> np.ndarray:
+        """Return the results of the points `start` to `stop` - 1, a view of the array."""
         return self._results[start:stop]
 
 
 def words_for(store: Store, done: int) -> str:
-    """How far a sweep is that has so many points, such as ``12 of 132 points``."""
+    """Return the progress of a sweep with `done` points in words, such as ``12 of 132 points``."""
     more = " known to be needed so far" if "refine" in store.configuration else ""
     return f"{done} of {store.about['wanted']} points{more}"
 
 
 def modes_of(rows: Iterable[StoredTile]) -> Counter[str]:
-    """How many points of `rows` are in each mode."""
+    """Return the number of points of `rows` in each mode."""
     modes: Counter[str] = Counter()
     for row in rows:
         modes.update(json.loads(row.what))
@@ -215,20 +222,20 @@ def modes_of(rows: Iterable[StoredTile]) -> Counter[str]:
 def tile_store(
     out: Path | None, configuration: Mapping[str, Any], size: int, kind: np.dtype = RESULT, *, force: bool = False
 ) -> AbstractContextManager[TileStore]:
-    """The finished tiles of the sweep for `out`, locked against other processes while the context lasts.
+    """Open the store of the sweep for `out`, locked against other processes while the context lasts.
 
     Parameters
     ----------
     out : Path, optional
-        The cube to be; without one they are in memory.
+        File of the cube to come; by default the store is in memory.
     configuration : mapping
-        All that decides the numbers, see `Study.configuration`.
+        All settings that decide the numbers, see `Study.configuration`.
     size : int
         Number of points.
     kind : dtype
-        Of the result of one of them.
+        Type of the result of one point.
     force : bool
-        See `opened_store`, which also says what is raised.
+        As in `opened_store`, whose errors are raised, too.
     """
     make = partial(TileStore, kind=kind) if out is not None else partial(_HeldTiles, kind=kind, size=size)
     return opened_store(make, None if out is None else tiles_of(out), configuration, size, force=force)

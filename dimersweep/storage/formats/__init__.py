@@ -1,4 +1,4 @@
-"""Formats of cubes. One in `FORMATS` is known to sweeps, declarations, pictures and pages."""
+"""Formats of cubes. A format that stands in `FORMATS` is known to sweeps, declarations, pictures and pages."""
 
 import os
 from pathlib import Path
@@ -11,11 +11,11 @@ FORMATS: dict[str, Format] = {each.ending: each for each in (NETCDF, ZARR)}
 
 
 def format_of(path: Path) -> Format:
-    """The format that the ending of a path names: NetCDF where it names none."""
+    """Return the format that the ending of a path names; NetCDF if it names none."""
     return FORMATS.get(path.suffix, NETCDF)
 
 
 def format_at(path: Path) -> Format:
-    """The format of what is at `path`: a file is NetCDF if its ending names folders."""
+    """Return the format of the file or folder at `path`; a file with an ending of folders counts as NetCDF."""
     named = format_of(path)
     return NETCDF if named.marker and not os.path.isdir(path) else named

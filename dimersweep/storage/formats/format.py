@@ -1,4 +1,4 @@
-"""What a format of cubes is."""
+"""The interface of a format of cubes, and changes of datasets that all formats share."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -12,17 +12,21 @@ from dimersweep.cubes.cube import kind_of_whole
 
 
 def range_of(values: np.ndarray) -> np.ndarray:
-    """The least and the greatest of numbers that are finite, shape (2,), CF's `actual_range`; shape (0,) if there is none."""
+    """Return the least and the greatest of the finite values, shape (2,), which is `actual_range` in CF.
+
+    The shape is (0,) if no value is finite.
+    """
     known = values[np.isfinite(values)]
     ends = [known.min(), known.max()] if known.size else []
     return np.array(ends, dtype=np.int8 if values.dtype == bool else values.dtype)
 
 
 def for_others(dataset: xr.Dataset) -> xr.Dataset:
-    """A dataset as it is written, so that programs read it that know classic files alone.
+    """Return a dataset in the form that is written, which programs for classic NetCDF files can read.
 
-    Numbers tell the range that they have. Texts and lists of texts in attributes are bytes in UTF-8, and their whole numbers
-    have 32 bits where these hold them. What lies along a dimension without a place is left out: its dimension would grow.
+    Variables of numbers get their `actual_range`. Texts and lists of texts in attributes become bytes in UTF-8. Whole
+    numbers in attributes have 32 bits if these hold them. Variables along an empty dimension are left out, as the
+    dimension would be unlimited.
     """
     made = dataset.drop_vars([name for name, each in dataset.variables.items() if 0 in each.shape]).copy()
     made.attrs = {name: _attribute(value) for name, value in dataset.attrs.items()}
@@ -32,21 +36,22 @@ def for_others(dataset: xr.Dataset) -> xr.Dataset:
             each.encoding["dtype"] = "S1"  # see `column`
         elif each.dtype.kind in "biuf" and (ends := range_of(each.values)).size:
             each.attrs["actual_range"] = ends
-        each.encoding.pop("char_dim_name", None)  # of texts that were perhaps longer
+        each.encoding.pop("char_dim_name", None)  # a former file may have had longer texts
     return made
 
 
 def _attribute(value: Any) -> Any:
+    """Return the value of an attribute in the form that is written."""
     values = np.asarray(value)
     if values.dtype.kind in "OU":
         text = "; ".join(map(str, values.ravel().tolist()))
         return text if text.isascii() else text.encode()
-    whole = values.dtype.kind in "iu" and values.dtype.itemsize > 1  # not codes of flags
+    whole = values.dtype.kind in "iu" and values.dtype.itemsize > 1  # codes of flags stay bytes
     return values.astype(kind_of_whole(values))[()] if whole else value
 
 
 def as_made(dataset: xr.Dataset) -> xr.Dataset:
-    """A dataset that was read, without what `for_others` tells besides; texts of former files are bytes."""
+    """Return a dataset that was read without the `actual_range` of `for_others`; decode texts of older files."""
     for each in dataset.variables.values():
         each.attrs.pop("actual_range", None)
     texts = {name: each for name, each in dataset.variables.items() if each.dtype.kind == "S"}
@@ -54,26 +59,27 @@ def as_made(dataset: xr.Dataset) -> xr.Dataset:
 
 
 class Format(NamedTuple):
-    """A format of cubes: how they are named, read and written.
+    """A format of cubes: its ending, its names, and functions to read and write it.
 
     Attributes
     ----------
     ending : str
-        Of their paths, such as ``.nc``.
+        Ending of paths, such as ``.nc``.
     name, noun : str
-        Of the format, and of one that is written in it.
+        Name of the format, and of a file or folder in this format, for messages.
     opened : callable
-        ``with opened(path) as dataset``: what is at `path`, which may read its values when they are used. Raises a
-        StoreError where that is damaged, or not of this format.
+        ``with opened(path) as dataset`` opens the dataset at `path`. Values may be read when they are used. Raises a
+        StoreError if the file is damaged, or has another format.
     write : callable, optional
-        ``write(dataset, path, scratch)`` puts a dataset that is in memory at `path` in one step, by a temporary name that
-        is `scratch` or its own. An OSError or RuntimeError says that the disk refuses.
+        ``write(dataset, path, scratch)`` writes a dataset in memory to `path` in one step, by the temporary path
+        `scratch`, or one of its own. Raises an OSError or RuntimeError if the disk refuses.
     write_blocks : callable, optional
-        See `write_zarr`: in place of `write`, where cubes may be larger than memory. Their values are read when they are used.
+        Function in place of `write` for cubes larger than memory, see `write_zarr`. Their values are read when they are
+        used.
     check : callable, optional
         Raises a StoreError if a package is missing.
     marker : str
-        Name of a file that all of its folders hold; empty for a format of single files.
+        Name of a file that all folders of the format have; "" for a format of single files.
     """
 
     ending: str

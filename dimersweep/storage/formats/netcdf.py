@@ -1,4 +1,4 @@
-"""Cubes, runs and tables as NetCDF-4 files, whole in memory."""
+"""The format NetCDF-4, for cubes, runs and tables that are in memory as a whole."""
 
 import os
 from collections.abc import Iterator
@@ -15,15 +15,16 @@ from dimersweep.errors import StoreError
 from dimersweep.storage.files import replacing
 from dimersweep.storage.formats.format import Format, as_made, for_others
 
-PART_BYTES = 1 << 26  # of a cube, that are written at once
-DEFLATED = 1100  # zlib makes nothing smaller by more than this
+PART_BYTES = 1 << 26  # size of the part of a cube that is written at a time: xarray copies what it writes
+DEFLATED = 1100  # factor above which no file is compressed: the limit of zlib is 1032
 # netCDF-C and HDF5 bear one thread at a time; xarray's own files wait for the same locks, taken in the same order.
-# xarray gives them out by no public name, and `to_netcdf` takes none: a lock of ours would not keep a user's files waiting.
+# xarray gives them out by no public name, and `to_netcdf` takes none: a lock of ours would not keep a user's files
+# waiting.
 ONE_THREAD = combine_locks([NETCDFC_LOCK, HDF5_LOCK])
 
 
 def _parts(cube: xr.Dataset) -> Iterator[xr.Dataset]:
-    """`cube` in parts of a few variables: xarray holds a copy of all that it writes at once."""
+    """Yield `cube` in parts of a few variables, since xarray copies all that it writes at a time."""
     names: list[Any] = []
     size = 0
     for name, variable in cube.data_vars.items():
@@ -39,19 +40,20 @@ def write_netcdf(dataset: xr.Dataset, path: Path, scratch: Path | None = None) -
     """Write a dataset to a temporary file, see `replacing`, which then takes the name `path` in one step."""
     with replacing(path, scratch) as temporary:
         for number, part in enumerate(_parts(for_others(dataset))):
-            # without xarray's locks: it would wait for those that are held, and ask a cluster that may have gone for one more
+            # without xarray's own locks: it would wait for the locks above, and ask a cluster, which may be gone, for
+            # another
             mode, name = "a" if number else "w", os.fspath(temporary)
             with ONE_THREAD, NetCDF4DataStore.open(name, mode, lock=DummyLock()) as store:
                 part.dump_to_store(store)
 
 
 def read_netcdf(path: Path) -> xr.Dataset:
-    """A NetCDF file, whole, in memory.
+    """Return a NetCDF file as a dataset in memory.
 
     Raises
     ------
     StoreError
-        If there is none, or it is no NetCDF file, or damaged.
+        If the file does not exist, is no NetCDF file, or is damaged.
     """
     with opened_netcdf(path) as dataset:
         return dataset.load()
@@ -59,10 +61,10 @@ def read_netcdf(path: Path) -> xr.Dataset:
 
 @contextmanager
 def opened_netcdf(path: Path) -> Iterator[xr.Dataset]:
-    """A NetCDF file whose values are still to be read, while no other thread is at one."""
+    """Open a NetCDF file whose values are read when they are used; no other thread may use NetCDF meanwhile."""
     if os.path.isdir(path):
         raise StoreError(f"{path}: is a folder; give a NetCDF file")
-    if not os.path.isfile(path):  # a name that no file can have is no error for it
+    if not os.path.isfile(path):  # False, and no error, for a name that no file can have
         raise StoreError(f"{path}: no such file")
     from netCDF4 import Dataset
 
@@ -78,7 +80,7 @@ def opened_netcdf(path: Path) -> Iterator[xr.Dataset]:
     except StoreError:
         raise
     except (OSError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
-        # an AttributeError is that of an attribute that is damaged
+        # netCDF4 raises an AttributeError for a damaged attribute
         raise StoreError(f"{path}: is no NetCDF file, or a damaged one ({error})") from error
 
 

@@ -1,4 +1,4 @@
-"""Cubes larger than memory: Zarr groups of the same layout, written block after block of grid points."""
+"""The format Zarr, for cubes larger than memory: groups that are written block after block of grid points."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -21,18 +21,19 @@ from dimersweep.storage.files import replacing, sync
 from dimersweep.storage.formats.format import Format, as_made, range_of
 from dimersweep.storage.provenance import CHECKSUM
 
-WRITERS = 4  # threads at most: the disk is soon the limit
+WRITERS = 4  # most threads that write: with more the disk is the limit
 
 
-OLDEST_ZARR = (3, 1)  # of zarr: earlier ones may run code that a store brings along
+OLDEST_ZARR = (3, 1)  # oldest allowed version of zarr: earlier ones may run code that a store brings along
 
 
 def check_zarr() -> None:
-    """Refuse to go on without the package, or with an old one.
+    """Refuse to go on without the package zarr, or with an old version of it.
 
     Raises
     ------
     StoreError
+        If zarr is missing or older than `OLDEST_ZARR`.
     """
     try:
         import zarr
@@ -54,21 +55,22 @@ def write_zarr(
     scratch: Path,
     workers: int = WRITERS,
 ) -> None:
-    """Write the cube of a grid block by block into `scratch`, on the same disk, which then takes the name `path`.
+    """Write the cube of a grid block by block to `scratch`, on the same disk, which then takes the name `path`.
 
-    Blocks are read and summed one after the other, and written by threads; two of them are held at once.
+    Blocks are read and summed one after the other, and written by threads. Two of them are in memory at a time.
 
     Parameters
     ----------
     grid : Grid
+        The points of the cube.
     small : xarray.Dataset
-        The cube of its first point alone, with all attributes.
+        The cube of the first point alone, with all attributes.
     block_of : callable
-        ``block_of(tile, axes)`` gives the cube of the points of a tile, which are those of a grid of these axes.
+        ``block_of(tile, axes)`` returns the cube of the points of a tile, which are those of a grid with these axes.
     path, scratch : Path
-        A group that is at `path` already is replaced.
+        Final and temporary path. A group that exists at `path` is replaced.
     workers : int
-        Threads that may be used.
+        Number of threads that may be used.
 
     Raises
     ------
@@ -79,7 +81,7 @@ def write_zarr(
 
     template, (made_with,) = _template(grid, small), small["made_with"].values.ravel()
     checksum, writing, ranges = Checksum(template), list[Future[None]](), dict.fromkeys(template.data_vars, np.empty(0))
-    # chunks of nothing but missing values are written too, so that one that is missing is known to be lost
+    # chunks with missing values only are written, too, so that a chunk without a file is known to be lost
     whole = zarr.config.set({"array.write_empty_chunks": True})
     with replacing(path, scratch), whole, ThreadPoolExecutor(min(workers, WRITERS)) as threads:
         template.to_zarr(scratch, mode="w", compute=False, consolidated=False)
@@ -110,7 +112,7 @@ def write_zarr(
 
 
 def _template(grid: Grid, small: xr.Dataset) -> xr.Dataset:
-    """The cube of `grid` with lazy variables, like that of one point, so that only types, chunks and attributes are written."""
+    """Return the lazy cube of `grid`, with types, chunks and attributes as in `small`, to be written without values."""
     import dask.array
     from zarr.codecs import ZstdCodec
 
@@ -133,12 +135,12 @@ def _template(grid: Grid, small: xr.Dataset) -> xr.Dataset:
 
 
 def _chunks_of(variable: xr.Variable) -> tuple[int, ...]:
-    """Lengths of the chunks of a variable."""
+    """Return the lengths of the chunks of a variable along its dimensions."""
     return tuple(variable.encoding.get("chunks") or variable.shape)
 
 
 def _lacking(folder: Path, variable: xr.Variable, where: tuple[Any, ...] | None = None) -> int:
-    """How many of the chunks that have values at `where`, or of all, have no file."""
+    """Return the number of chunks without a file, of those that have values at `where`, or of all."""
     sizes = list(zip(variable.shape, _chunks_of(variable), strict=True))
     numbers: list[Any] = [range(-(-length // chunk)) for length, chunk in sizes]
     if where is not None:
@@ -148,10 +150,10 @@ def _lacking(folder: Path, variable: xr.Variable, where: tuple[Any, ...] | None 
 
 
 class _Numbers:
-    """Values of a variable, read when they are used; damage that is found then is named in one line.
+    """Values of a variable of a group, read when they are used; damage that is found then is reported in one line.
 
-    The file may be another one by then, and what is gone reads as missing values: what the group said of itself when it was
-    opened is compared after each reading.
+    By then the group may have been replaced, and missing chunks would be read as missing values. So the description of
+    the group, as it was when the group was opened, is compared after each reading.
     """
 
     def __init__(self, path: Path, name: str, variable: xr.Variable, description: bytes, *, whole: bool) -> None:
@@ -164,7 +166,7 @@ class _Numbers:
             values, why = self.variable[where].values, ""
         except MemoryError:
             raise
-        except Exception as error:  # each way to compress has its own
+        except Exception as error:  # each compressor has errors of its own
             why = f"{self.name} cannot be read ({one_line(error)})"
         if not why and self.whole and _lacking(self.path / self.name, self.variable, where):
             why = f"{self.name} lacks some of its chunks"
@@ -177,7 +179,7 @@ class _Numbers:
 
 
 def _description_of(path: Path) -> bytes:
-    """What a group tells of itself: its attributes, with the checksum of all values and the time when they were made."""
+    """Return the description of a group: its attributes, with the checksum of all values and the time of writing."""
     try:
         return (path / "zarr.json").read_bytes()
     except OSError:
@@ -186,29 +188,30 @@ def _description_of(path: Path) -> bytes:
 
 @contextmanager
 def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
-    """A group as a dataset whose values are read when they are used.
+    """Open a group as a dataset whose values are read when they are used.
 
     Raises
     ------
     StoreError
-        If it is none, or damaged.
+        If there is no group, or it is damaged.
     """
     import dask.array
 
     check_zarr()
     description = _description_of(path)
-    try:  # format 2 may name filters that run code
+    try:  # format 3 only: format 2 may name filters that run code
         cube = xr.open_dataset(path, engine="zarr", consolidated=False, zarr_format=3, cache=False)
-    except Exception as error:  # what its description leads to, if it was changed
+    except Exception as error:  # a changed description may lead to any error
         raise StoreError(f"{path}: is no Zarr group, or a damaged one ({one_line(error)})") from error
     lacking = {str(name): _lacking(path / str(name), variable) for name, variable in cube.variables.items()}
     for name, variable in cube.variables.items():
-        if name not in cube.indexes:  # those are read already
+        if name not in cube.indexes:  # indexes are in memory already
             numbers = _Numbers(path, str(name), variable, description, whole=not lacking[str(name)])
             variable.data = dask.array.from_array(numbers, _chunks_of(variable), name=False, fancy=False)
-        if "flag_values" in variable.attrs:  # Zarr keeps attributes as JSON
+        if "flag_values" in variable.attrs:  # a list, as Zarr stores attributes as JSON
             variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
-    # sweeps write all chunks, but xarray writes none of missing values, or zeros, alone: then all values must be there
+    # a sweep writes all chunks; a copy by xarray lacks chunks that have only missing values or zeros: then the checksum
+    # of all values decides
     name, number = next(((name, number) for name, number in lacking.items() if number), ("", 0))
     ours = number > 0 and "dimersweep_cube" in cube.attrs
     found = soundness(cube) if ours else ""
