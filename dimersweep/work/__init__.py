@@ -1,1 +1,1 @@
-"""Who runs the points and where: tiles, threads, clusters, progress, signals."""
+"""Run points on threads or clusters: tiles, scheduling, progress, signals."""

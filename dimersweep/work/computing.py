@@ -1,4 +1,4 @@
-"""The points that a store lacks, run and put there: workers, progress, and the ways that this can end early."""
+"""Run the points that a store lacks, and store their results: workers, progress, and early ends."""
 
 import sys
 from collections.abc import Iterable, Sequence
@@ -18,11 +18,11 @@ from dimersweep.work.tiles import Work
 from dimersweep.work.waiting import patience
 from dimersweep.work.warming import get_ready
 
-ALIKE = 10  # tasks that break off in a row for the same reason: then it is not for the points
+ALIKE = 10  # tasks in a row that break off for the same reason: the reason is not in the points then
 
 
 class Trouble(NamedTuple):
-    """Points that were left without results, for a reason that is not the model's."""
+    """Points that were left without results, for a reason outside the model."""
 
     first: int
     points: int
@@ -30,25 +30,26 @@ class Trouble(NamedTuple):
 
     @property
     def sort(self) -> str:
-        """Of reason, such as MemoryError."""
+        """Kind of the reason, such as MemoryError."""
         return self.reason.partition(":")[0]
 
 
 def words_for(troubles: Sequence[Trouble], grid: Grid) -> str:
-    """Such as ``3 points could not be run, such as point 7 (Gamma = 0.9): MemoryError: no room``."""
+    """Return words such as ``3 points could not be run, such as point 7 (Gamma = 0.9): MemoryError: no room``."""
     first, count = min(troubles), sum(each.points for each in troubles)
     points, such = ("points", ", such as ") if count > 1 else ("point", ": ")
     return f"{count} {points} could not be run{such}{grid.point(first.first)}: {first.reason}"
 
 
 class Crew(ExitStack):
-    """Those who run what a store lacks; they are hired with the first point that is missing, and go home at the end.
+    """Workers for the points that a store lacks: started with the first missing point, closed with the context.
 
     Parameters
     ----------
     store : TileStore
-        Where results are put.
+        Store for the results.
     options : Options
+        Options of the study: threads or cluster, progress, early ends.
     """
 
     def __init__(self, store: TileStore, options: Options) -> None:
@@ -59,6 +60,7 @@ class Crew(ExitStack):
         self._shown: Tally
 
     def _hire(self, wanted: int) -> Pool:
+        """Start threads or connect to the cluster, with progress and signals; return the pool of workers."""
         options = self.options
         client = None if options.client is None else self.enter_context(connected(options.client))
         self._stop = self.enter_context(stop_on_signals())
@@ -69,21 +71,23 @@ class Crew(ExitStack):
         return pool
 
     def run(self, work: Work, ranges: Iterable[Tile], wanted: int, known: Iterable[Finished] = ()) -> None:
-        """Do `work` at the points of `ranges` that the store lacks, but for what is known; all is handed to the store.
+        """Run `work` at the points of `ranges` that neither the store nor `known` has; put all results into the store.
 
         Parameters
         ----------
         work : Work
+            The work to do at each point.
         ranges : iterable of Tile
+            Ranges of points.
         wanted : int
-            How many points are to be run in all.
+            Number of points to be run in all.
         known : iterable of Finished
-            Points of these ranges that need not be run.
+            Results of points of these ranges that need not be run.
 
         Raises
         ------
         PointError, UnfinishedError, Stopped, StoreError
-            See `sweep`; what was finished before is in the store.
+            As by `sweep`; results that were finished before are in the store.
         """
         self.store.expect(wanted)
         for piece in known:
@@ -100,9 +104,9 @@ class Crew(ExitStack):
         self._shown.expect(wanted)
         left = sum(stop - start for start, stop in missing)
         pace = Pace(left, self._pool.workers, self._pool.demand)
-        failures: list[tuple[int, str]] = []  # points, and why they have failed
+        failures: list[tuple[int, str]] = []  # numbers of points that failed, with the reasons
         troubles: list[Trouble] = []
-        alike = 0  # of them, in a row
+        alike = 0  # troubles in a row for the same reason
         try:
             with patience(self._shown, self._pool, self._stop, self.options.give_up_after, show=self.options.progress):
                 for points, made in run_tasks(self._pool, work, missing, pace, self._stop):
@@ -121,7 +125,7 @@ class Crew(ExitStack):
                         failures.append((int(points[row]), why_failed(made.results[row])))
                     if failures or alike >= ALIKE or (troubles and self.options.fail_fast):
                         self._stop.set()
-        except StoreError:  # of a disk that has refused, and would refuse once more
+        except StoreError:  # the disk has refused, so a flush would fail, too
             raise
         except BaseException:
             self.store.flush()
@@ -142,13 +146,13 @@ class Crew(ExitStack):
 def settle_way(*, progress: bool) -> None:
     """Compile or load the kernel, and prove it, in a thread: signals wait while the main thread is in the compiler.
 
-    That comes before its version is written or compared, as how it can be compiled is seen by doing it; before the clock of
-    the progress starts; and before workers would all do it.
+    This comes before its version is written or compared, as only compiling shows how the kernel can be compiled. It
+    also comes before the clock of the progress starts, and before all workers would compile it.
 
     Raises
     ------
     KernelError
-        If it cannot run, or gives wrong numbers.
+        If the kernel cannot run, or gives wrong numbers.
     Stopped
         On Ctrl-C or SIGTERM.
     """

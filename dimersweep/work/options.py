@@ -1,4 +1,4 @@
-"""How a study is run, but none of its numbers: who runs the points, where results go, what is taken from other cubes."""
+"""Options that decide how a study is run, but none of its numbers: workers, output, points of other cubes."""
 
 import os
 from collections.abc import Mapping
@@ -14,11 +14,11 @@ from dimersweep.storage.provenance import check_attrs
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.parts import SweepPart
 
-MAX_WORKERS = 4096  # threads
+MAX_WORKERS = 4096  # most threads that may be asked for: a larger number is a typing error
 
 
 class Given(TypedDict, total=False):
-    """The options as keyword arguments that may be left out; see `sweep`."""
+    """Options as keyword arguments that may be left out; see `sweep`."""
 
     out: str | os.PathLike[str] | None
     workers: int | None
@@ -36,7 +36,7 @@ class Given(TypedDict, total=False):
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How a study is run: what `sweep` takes besides the study, checked; get one from `make_options`."""
+    """Options of a study besides its settings, checked; `make_options` makes them from what a user gives."""
 
     workers: int  # threads of this process, where there is no client
     client: Any = None
@@ -53,7 +53,7 @@ class Options:
 
 
 def with_options(function: Any, like: Any = None) -> Signature:
-    """The signature of a function that takes the options as keywords, or all keywords of another one, each of them named."""
+    """Return the signature of a function in which its options, or else all keywords of `like`, are named one by one."""
     own = signature(function)
     usual = {each.name: each.default for each in fields(Options)} | {"workers": None, "attrs": None}
     kinds = Given.__annotations__.items()
@@ -65,18 +65,18 @@ def with_options(function: Any, like: Any = None) -> Signature:
     return own.replace(parameters=shown + [each for each in more if each.name not in own.parameters])
 
 
-IN_PASSING = Options(workers=1, progress=False)  # for a part that is run by the way
+IN_PASSING = Options(workers=1, progress=False)  # options of a small study within another calculation
 
 
 def make_options(**given: Unpack[Given]) -> Options:
-    """Options from what a user gives, see `sweep`: as many threads as there are cores if `workers` is None.
+    """Check the options that a user gives, see `sweep`; without `workers`, take as many threads as there are cores.
 
     Raises
     ------
     ParameterError
         If `workers`, `part` or one of `attrs` is not allowed.
     TypeError
-        For an option that there is not.
+        For an unknown option.
     """
     for name, value in given.items():
         if name not in Given.__optional_keys__:

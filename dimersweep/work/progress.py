@@ -1,4 +1,4 @@
-"""How far a sweep or a fit is: a live bar in a notebook or on a terminal, a plain line now and then in a log."""
+"""Show the progress of a sweep or a fit: a live bar in a notebook or on a terminal, lines of text in a log."""
 
 import sys
 import threading
@@ -15,25 +15,31 @@ from rich.table import Column
 
 from dimersweep.kernel.compiler.ways import FAST, PLAIN, is_compiled, way
 
-LINE_SECONDS, BAR_SECONDS = 10.0, 0.2  # between two plain lines, and two looks of the bar in a notebook
-ENOUGH_SECONDS = 2.0  # of work by each worker, before its time left is shown
+LINE_SECONDS, BAR_SECONDS = (
+    10.0,
+    0.2,
+)  # time between two lines of text, and between two updates of the bar in a notebook
+ENOUGH_SECONDS = 2.0  # work of each worker before the time left is shown: the first points may be of any kind
 COMPILE_TIMES = {FAST: "10 to 60 s", PLAIN: "1 to 4 minutes"}
-COMPILE_STEP, COMPILE_SHOWN = 10.0, 600.0  # between two lines while the kernel is compiled, and how long at most [s]
+COMPILE_STEP, COMPILE_SHOWN = (
+    10.0,
+    600.0,
+)  # time between two lines while the kernel is compiled, and of the last one [s]
 
 
 class Tally:
-    """Counts of finished points, by mode, and the time that they took.
+    """Numbers of finished points, by mode, and the time that they took.
 
     Parameters
     ----------
     total : int
-        Points to be run in all.
+        Number of points to be run in all.
     before : mapping of str to int, optional
-        Points that an earlier process has finished.
+        Numbers of points that an earlier process has finished, by mode.
     workers : callable
-        How many run at a time; they may come and go.
+        Returns the number of workers, which may come and go.
     show : callable
-        Is given it whenever it has changed.
+        Called with this tally after each change.
     """
 
     def __init__(
@@ -44,9 +50,9 @@ class Tally:
         show: "Callable[[Tally], None]" = lambda tally: None,
     ) -> None:
         self.total, self.workers, self.show = total, workers, show
-        self.doing = ""  # what is done at the moment, in words, in place of the modes
+        self.doing = ""  # present activity in words, shown in place of the modes
         self.modes: Counter[str] = Counter(before or {})
-        # tasks that were run; points of all but the first, and their time
+        # number of tasks; points and time of all tasks but the first one of each worker
         self.tasks, self.timed, self.seconds = 0, 0, 0.0
         self.start = perf_counter()
 
@@ -56,7 +62,7 @@ class Tally:
         return self.modes.total()
 
     def add(self, modes: Mapping[str, int], seconds: float = 0.0) -> None:
-        """Count the finished points of a task, so many of each mode, and the time that they took [s], if they were run."""
+        """Count the finished points of a task by mode, and the time that they took [s]; 0 if they were not run."""
         self.modes.update(modes)
         if seconds:
             self.tasks += 1
@@ -65,12 +71,12 @@ class Tally:
         self.show(self)
 
     def expect(self, total: int) -> None:
-        """Take note that so many points are to be run in all: of a map that is refined, that shows as it goes."""
+        """Set the number of points to be run in all, which becomes known step by step for a refined map."""
         self.total = total
         self.show(self)
 
     def tell(self, doing: str) -> None:
-        """Show what is done at the moment."""
+        """Show the present activity in words."""
         self.doing = doing
         self.show(self)
 
@@ -80,10 +86,10 @@ class Tally:
         return clock(perf_counter() - self.start)
 
     def time_left(self) -> str:
-        """Time until the end, at the mean of what a point took; points that are under way are not held against it.
+        """Return the expected time until the end, from the mean time of a point; "-:--:--" while it is unknown.
 
-        The first task of each worker does not count: it may load or compile what the others find done. Nothing is said from
-        points of less than `ENOUGH_SECONDS` for each worker, which may be of any kind.
+        The first task of each worker does not count, as it may load or compile what later tasks find done. The time is
+        unknown until each worker has worked for `ENOUGH_SECONDS`, as the first points may be of any kind.
         """
         left, workers = self.total - self.done, max(1, self.workers())
         if left and self.seconds < ENOUGH_SECONDS * workers:
@@ -91,12 +97,12 @@ class Tally:
         return clock(left * self.seconds / max(1, self.timed) / workers)
 
     def words(self) -> str:
-        """Return what is done at the moment, or counts such as ``drift 512, rest 30``, the most frequent first."""
+        """Return the present activity, or counts such as ``drift 512, rest 30``, the most frequent first."""
         return self.doing or ", ".join(f"{mode} {count}" for mode, count in self.modes.most_common())
 
 
 def clock(seconds: float) -> str:
-    """A time in hours, minutes and seconds, such as 1:02:03."""
+    """Return a time in hours, minutes and seconds, such as 1:02:03."""
     minutes, seconds = divmod(round(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
 
@@ -105,7 +111,10 @@ def in_lines(
     write: Callable[[str, Tally], None] = lambda line, _: print(line, file=sys.stderr, flush=True),
     seconds: float = LINE_SECONDS,
 ) -> Callable[[Tally], None]:
-    """Shows a `Tally` by a line at most once in so many seconds, and at the end; by default on stderr, for logs."""
+    """Return a function that shows a `Tally` in a line, at most once in `seconds`, and at the end.
+
+    By default lines are printed on stderr, for logs.
+    """
     last = perf_counter()
 
     def show(tally: Tally) -> None:
@@ -121,8 +130,8 @@ def in_lines(
 
 
 def notebook_bar() -> Callable[[Tally], None] | None:
-    """Shows a `Tally` as a bar in the notebook that this process works for; none if it works for none."""
-    ipython = sys.modules.get("IPython")  # a kernel has imported it
+    """Return a function that shows a `Tally` as a bar in the notebook of this process; None without a notebook."""
+    ipython = sys.modules.get("IPython")  # every kernel of a notebook has imported it
     if not hasattr(ipython and ipython.get_ipython(), "kernel"):
         return None
     shows = import_module("IPython.display")
@@ -136,13 +145,14 @@ def notebook_bar() -> Callable[[Tally], None] | None:
 
 
 def report_compiling() -> None:
-    """Say on stderr that the kernel is about to be compiled, if it is, and go on saying how long that has taken."""
+    """Print on stderr that the kernel is compiled, if it has to be, and now and then how long that has taken."""
     if not is_compiled():
         print(f"compiling the kernel: {COMPILE_TIMES[way()]}, once for each version", file=sys.stderr, flush=True)
         threading.Thread(target=_report_seconds, daemon=True).start()
 
 
 def _report_seconds() -> None:
+    """Print now and then for how long the kernel is being compiled, until it is ready."""
     from dimersweep.kernel.compiler import cache
 
     begun = perf_counter()
@@ -153,7 +163,7 @@ def _report_seconds() -> None:
 
 @contextmanager
 def watch(total: int, before: Mapping[str, int], workers: Callable[[], int], *, show: bool) -> Iterator[Tally]:
-    """A `Tally`, which is shown if it is to be: as a bar in a notebook, as one on a terminal, as lines in a log (stderr)."""
+    """Yield a `Tally`; with `show`, display it: as a bar in a notebook or on a terminal, as lines in a log (stderr)."""
     console = Console(stderr=True)
     if not show:
         yield Tally(total, before, workers)
@@ -173,7 +183,7 @@ def watch(total: int, before: Mapping[str, int], workers: Callable[[], int], *, 
         task = display.add_task("", total=total, left="")
 
         def move(tally: Tally) -> None:
-            """Move the bar; at the end, or where the time left is not known at all, it shows the time that all has taken."""
+            """Move the bar; show the time so far at the end, or where no time left is known."""
             time = tally.elapsed if tally.doing or tally.done >= tally.total else tally.time_left()
             display.update(task, total=tally.total, completed=tally.done, description=tally.words(), left=time)
 

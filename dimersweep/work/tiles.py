@@ -1,4 +1,4 @@
-"""The unit of work: some points of a grid, and the pure function that any thread, process or machine runs them with."""
+"""The unit of work: some points of a grid, and the pure function with which any thread or process runs them."""
 
 from time import perf_counter
 from typing import NamedTuple, Protocol, Self
@@ -10,24 +10,24 @@ from dimersweep.cubes.results import blank_results
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.work.stopping import StopFlag
 
-TILE_SECONDS = 0.5  # at least: long against the cost of a task (4 ms), short against what a kill may cost
-CHUNK_SECONDS = 0.1  # what one call of the kernel aims at: it can be stopped only between calls
-OVERTIME = 2  # a task whose points turn out slow comes back after so many times its time with those it has by then
+TILE_SECONDS = 0.5  # least time of a task: long against its cost (4 ms), short against the work that a kill may waste
+CHUNK_SECONDS = 0.1  # time of one call of the kernel: a run can be stopped only between calls
+OVERTIME = 2  # factor over its time after which a task returns with the points it has by then, if they are slow
 
 
 class Made(NamedTuple):
-    """What a task brings back.
+    """The results of a task.
 
     Attributes
     ----------
     results : ndarray, shape (n,)
-        Of the first of its points.
+        Results of the first n of its points.
     seconds : float
-        Time that they took [s].
+        Time that these points took [s].
     broken : int
-        How many points after these are still to be done, and have broken it off.
+        Number of points after these at which the task broke off; they are still to be run.
     reason : str
-        Why, if it is not the model's: such as ``MemoryError: no room``.
+        Reason of breaking off, outside the model, such as ``MemoryError: no room``.
     """
 
     results: np.ndarray
@@ -37,52 +37,56 @@ class Made(NamedTuple):
 
 
 class Work(Protocol):
-    """What is done at each point of a grid: the numbers of a point depend on nothing else, so anybody may do it."""
+    """Work at each point of a grid, as a protocol.
+
+    The numbers of a point depend on the point alone, so any worker may run it.
+    """
 
     @property
     def grid(self) -> Grid:
-        """The points."""
+        """Points of the work."""
 
     @property
     def kind(self) -> np.dtype:
-        """Of the result of one point, see `blank_results`."""
+        """Type of the result of one point, see `blank_results`."""
 
     @property
     def line(self) -> int:
-        """How many points make one piece of work, see `Grid.line`: whoever runs them has them all, in one call."""
+        """Number of points that a worker must run together, in one call, see `Grid.line`."""
 
     def check_here(self) -> None:
-        """Raise a ParameterError if this process lacks something that the work takes."""
+        """Raise a ParameterError if this process lacks something that the work needs."""
 
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
-        """Run some of `points`, from the first one on, and count them.
+        """Run some of `points`, from the first one on, and return their number.
 
         Parameters
         ----------
         points : ndarray, shape (n,), int
-            Their numbers.
+            Numbers of the points.
         results : ndarray, shape (n,)
-            Filled as far as points are done.
+            Results, filled in for the points that are done.
         space : Workspace
-            Scratch arrays; if they are stopped, the work ends before the point that it is at.
+            Scratch arrays. If a stop is set there, the work ends before the present point.
         """
 
     def narrowed(self, points: np.ndarray) -> tuple[Self, np.ndarray]:
-        """A work with these points that is small enough to travel with every task, and their numbers there."""
+        """Return a work with these points that is small enough to travel with every task, and their numbers there."""
 
 
 def attempt(work: Work, points: np.ndarray, stop: StopFlag | None = None, seconds: float = TILE_SECONDS) -> Made:
-    """Run points in short calls, for about `OVERTIME` times `seconds`, or up to one that raises.
+    """Run points in short calls, for about `OVERTIME` times `seconds`, or up to a point that raises.
 
     Parameters
     ----------
     work : Work
+        The work to do at each point.
     points : ndarray, shape (n,), int
-        Their numbers.
+        Numbers of the points.
     stop : StopFlag, optional
-        If it is set, the work ends before the point that it is at.
+        Flag that ends the work before the present point when it is set.
     seconds : float
-        Time that they are to take [s].
+        Time that the points are expected to take [s].
     """
     begun, line, reason = perf_counter(), work.line, ""
     results = blank_results(points.size, work.kind)
@@ -92,9 +96,9 @@ def attempt(work: Work, points: np.ndarray, stop: StopFlag | None = None, second
             part = slice(done, done + batch)
             try:
                 made = work.advance(points[part], results[part], space)
-            except Exception as error:  # whatever it is, it must not cost the other points
+            except Exception as error:  # any error of a point must not cost the other points
                 if points[part].size > line:
-                    batch = line  # find the one
+                    batch = line  # one by one, to find the point that raises
                     continue
                 reason = f"{type(error).__name__}: {error}"
                 break
