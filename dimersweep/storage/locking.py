@@ -15,8 +15,7 @@ from pathlib import Path
 
 NO_LOCKS = (errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK)  # errors of network disks that are mounted without locks
 BYTE = 0x40000200  # the first byte behind those that SQLite locks (0x40000000 and the 511 after it)
-# A lock of an open file, not of a process: SQLite opens and closes the same file, which drops all locks of a process on
-# it.
+# A lock of an open file, not of a process: SQLite opens and closes the file, which drops all locks of a process on it.
 if sys.platform == "darwin":  # Python has no names for these numbers there
     ASK, TAKE, FLOCK, KIND = 92, 90, struct.Struct("qqihh"), 3
     WANTED = (BYTE, 1, 0, fcntl.F_WRLCK, os.SEEK_SET)
@@ -24,8 +23,7 @@ else:
     ASK, TAKE, FLOCK, KIND = fcntl.F_OFD_GETLK, fcntl.F_OFD_SETLK, struct.Struct("hhqqi4x"), 0
     WANTED = (fcntl.F_WRLCK, os.SEEK_SET, BYTE, 1, 0)
 
-# Device and number of the files that this process has locked: to open and close one once more could cost SQLite its
-# locks.
+# Device and inode of the files that this process has locked: opening and closing one again could drop SQLite's locks.
 _held: set[tuple[int, int] | None] = set()
 _guard = threading.Lock()
 

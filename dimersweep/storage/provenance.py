@@ -32,13 +32,8 @@ OURS = {
     *("kernel_version", "git_commit", "git_dirty", "python", "numpy", "numba", "llvmlite", "cpu", "platform"),
     *("wall_time_s", "kernel_time_s", "extends", CHECKSUM),
 }
-_OF_LIBRARIES = {
-    "coordinates",
-    "CLASS",
-    "NAME",
-    "DIMENSION_LIST",
-    "REFERENCE_LIST",
-}  # attributes that xarray and HDF5 use
+# attributes that xarray and HDF5 use
+_OF_LIBRARIES = {"coordinates", "CLASS", "NAME", "DIMENSION_LIST", "REFERENCE_LIST"}
 ATTRIBUTE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,99}")
 _NO_TEXT = re.compile("[\0\ud800-\udfff]")  # NUL and halves of surrogate pairs, which no file can hold
 

@@ -15,16 +15,12 @@ from rich.table import Column
 
 from dimersweep.kernel.compiler.ways import FAST, PLAIN, is_compiled, way
 
-LINE_SECONDS, BAR_SECONDS = (
-    10.0,
-    0.2,
-)  # time between two lines of text, and between two updates of the bar in a notebook
+# time between two lines of text, and between two updates of the bar in a notebook
+LINE_SECONDS, BAR_SECONDS = 10.0, 0.2
 ENOUGH_SECONDS = 2.0  # work of each worker before the time left is shown: the first points may be of any kind
 COMPILE_TIMES = {FAST: "10 to 60 s", PLAIN: "1 to 4 minutes"}
-COMPILE_STEP, COMPILE_SHOWN = (
-    10.0,
-    600.0,
-)  # time between two lines while the kernel is compiled, and of the last one [s]
+# time between two lines while the kernel is compiled, and of the last one [s]
+COMPILE_STEP, COMPILE_SHOWN = 10.0, 600.0
 
 
 class Tally:

@@ -14,13 +14,8 @@ MOST_NAMED = 18  # attractors that the legend has room for
 ONE_LINE = 0.01  # distance within which borders of a kind are drawn as one line, over the length of the axis
 ONE_LABEL = 0.03  # distance within which borders share a label, over the length of the axis
 FLAT_LABELS = 3  # labels that have room side by side; more are written upright
-HATCHES = (
-    "//",
-    "..",
-    "xx",
-    "\\\\",
-    "oo",
-)  # of all attractors of a mode but the first; after the last one twice as dense
+# of all attractors of a mode but the first; after the last one twice as dense
+HATCHES = ("//", "..", "xx", "\\\\", "oo")
 
 
 def looks_of(data: xr.Dataset) -> list[tuple[str, str]]:

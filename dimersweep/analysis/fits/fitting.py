@@ -33,8 +33,7 @@ FIRST_LOOKS = 8
 MOST_CORNERED = 3  # free parameters up to which the corners of the ranges are among them: there are 2**n corners
 DESCENTS = 4  # descents of the solver at most, from points that are better than all points around
 MOST_STEPS = 30  # steps of the solver in a descent at most
-# step of the differences for slopes [ranges]: their error is its square, 1e-8, and the error of the orbit, 1e-10, over
-# it
+# step of the differences for slopes [ranges]: their errors are its square, 1e-8, and that of the orbit, 1e-10, over it
 SLOPE_STEP = 1e-4
 # a descent has come to no minimum if a step of one range along the slope would gain more than this share of the misfit
 FALLS_ON = 0.05
@@ -48,9 +47,8 @@ LEVEL = 1e-3
 IMPROBABLE = 0.0027  # probability of a misfit at which the data are impossible: that of three standard deviations
 FINE = 1e-9  # step at which the solver ends across a valley [ranges]: finer than ENOUGH, as the data change fast there
 FEW_STEPS = 10  # steps across a valley at most: each starts near its end
-STIFF = (
-    1e3  # errors per range with which the solver is kept from moving along a valley, where the misfit is nearly flat
-)
+# errors per range with which the solver is kept from moving along a valley, where the misfit is nearly flat
+STIFF = 1e3
 POINTS = 20  # approximate number of points of a valley as large as the ranges
 PER_ERROR = 0.5  # step along a shorter valley, in the errors along it
 APART_ALONG = 0.7  # distance below which points of a valley are the same, in steps: a neighbour is 1 away
@@ -508,7 +506,7 @@ def _directions(slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _answer(search: _Search, ends: list[_Point], slopes: np.ndarray) -> Fit:
-    """Return the fit in the units of its parameters, with its errors and its sentences."""
+    """Return the fit in the units of its parameters, with its errors, and sentences on what the data leave open."""
     search.doing = "errors"
     likelihood, best = search.likelihood, ends[0]
     names, low, width = likelihood.names, likelihood.low, search.width

@@ -23,9 +23,8 @@ TREND, TREND_PARTS = 4, 16
 # height of a clear line over the median of this number of bins on each side: noise alone reaches it in one of 1e11
 # bins, since a normal amplitude has the median 1.18 and exceeds 6 * 1.18 with the probability exp(-25)
 CLEAR, BINS_BESIDE = 6.0, 20
-NEAR_LINE = (
-    3  # bins beside a line in which no other line is looked for: a Hann window widens a line to two on each side
-)
+# bins beside a line in which no other line is looked for: a Hann window widens a line to two on each side
+NEAR_LINE = 3
 # further lines that are removed at most, and their least amplitude over the first one
 LINES, SMALL_LINE = 12, 1e-5
 # change of a line that refuses the record; changes that are reported: over those of noise, and relative to the line
@@ -248,9 +247,8 @@ def changes(t: np.ndarray, rest: np.ndarray, found: Periodic, begin: float) -> s
     at, counts, sums = found.sums(t, rest)
     line, at = 1 + sums[:, 1, 0] / counts / found.parts[1, 0], at + begin
     change = float(np.sqrt((np.abs(line - 1) ** 2).mean()))
-    noise = (
-        np.median(np.abs(np.diff(line))) / 1.18
-    )  # median of the size of a difference of two, over the deviation of one
+    # median of the size of a difference of two, over the deviation of one
+    noise = np.median(np.abs(np.diff(line))) / 1.18
     if change <= max(NOISE_CHANGES * noise, TOLD):
         return ""
     sizes, turns = np.abs(line), np.unwrap(np.angle(line)) / (2 * np.pi)

@@ -105,9 +105,8 @@ def _regions(
         for k in np.flatnonzero(rises < times**2):
             form = ((times**2 - rises[k]) * across[k] + along[k])[np.ix_(pair, pair)]
             if np.isfinite(form).all():
-                sizes, directions = np.linalg.eigh(
-                    form
-                )  # a size is 0, but for rounding, if a parameter is known exactly
+                # a size is 0, but for rounding, if a parameter is known exactly
+                sizes, directions = np.linalg.eigh(form)
                 root = directions * np.sqrt(np.maximum(sizes, 0.0))
                 x, y = centres[k, pair][:, None] + root @ np.array([np.cos(angle), np.sin(angle)])
                 axes.fill(x, y, color=shade, lw=2 if len(centres) > 1 else 0, label=label)

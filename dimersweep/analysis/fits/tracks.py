@@ -29,8 +29,7 @@ PER_STEP = 1.5
 # share of the best gain from which a rate is tried exactly, the gain being the squares that a rate explains by the
 # spectra: times are put into bins, so at the end of the spectrum only sinc(1/2)^2 = 0.4 of it is seen
 WORTH = 0.35
-# rates that are tried exactly (this number of the best and of the slowest ones), and points of the track that are used
-# there
+# rates that are tried exactly (this number of the best and of the slowest ones), with this number of points
 TRIED, TRIED_POINTS = 64, 2000
 RATE_VALLEY = 1.0  # least distance of two minima, in radians over the whole track: nearer ones are the same
 SAME_TIME = 1e-9  # step of the times that counts as rounding, over the span of the track
@@ -241,9 +240,8 @@ def _read(times: np.ndarray, place: np.ndarray, sigma: float | None, minimum: Mi
     if TURN * radius / period > FASTER * FAST_TURN:
         notes.append(f"a dimer at {TURN * radius / period:.3g} m/s is too fast: x and y must be in m, t in s")
     if abs(within) > APART_IN_TIME * sigma:
-        nearer = within.real**2 / (
-            2 * radius
-        )  # distance by which the mean of points along an arc is nearer to the centre
+        # distance by which the mean of points along an arc is nearer to the centre
+        nearer = within.real**2 / (2 * radius)
         covariance[0, 0] += nearer**2
         notes.append(
             f"places of one time differ by {2**0.5 * abs(within):.2g} m: their mean counts, the centre of two balls; "

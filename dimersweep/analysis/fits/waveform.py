@@ -29,10 +29,8 @@ SURE = 4.0  # errors above which a harmonic is kept
 # how far a given frequency may be off: cycles over the record, of the fitted one; relative, when its line is looked for
 DRIFT, NEAR_GIVEN = 0.25, 0.02
 LINE_SHARE = 0.1  # amplitude over the strongest line from which a line may be that of the shaker
-MAINS, MAINS_OFF = (
-    (50.0, 60.0),
-    0.3,
-)  # frequencies of the mains [Hz], and how far they and the clock of a record are off [Hz]
+# frequencies of the mains [Hz], and how far they and the clock of a record are off [Hz]
+MAINS, MAINS_OFF = (50.0, 60.0), 0.3
 GRAVITY_ALONG = 0.2  # part of g by which the mean of an axis along gravity may differ from g
 # number of samples at an end of the range that shows clipping: over the number of a sine, and at least
 CUT_PEAKS, LEAST_CUT = 2.0, 20

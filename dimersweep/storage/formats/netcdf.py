@@ -18,8 +18,7 @@ from dimersweep.storage.formats.format import Format, as_made, for_others
 PART_BYTES = 1 << 26  # size of the part of a cube that is written at a time: xarray copies what it writes
 DEFLATED = 1100  # factor above which no file is compressed: the limit of zlib is 1032
 # netCDF-C and HDF5 bear one thread at a time; xarray's own files wait for the same locks, taken in the same order.
-# xarray gives them out by no public name, and `to_netcdf` takes none: a lock of ours would not keep a user's files
-# waiting.
+# These locks have no public name, and `to_netcdf` takes none; a lock of ours would not keep a user's files waiting.
 ONE_THREAD = combine_locks([NETCDFC_LOCK, HDF5_LOCK])
 
 
@@ -40,8 +39,7 @@ def write_netcdf(dataset: xr.Dataset, path: Path, scratch: Path | None = None) -
     """Write a dataset to a temporary file, see `replacing`, which then takes the name `path` in one step."""
     with replacing(path, scratch) as temporary:
         for number, part in enumerate(_parts(for_others(dataset))):
-            # without xarray's own locks: it would wait for the locks above, and ask a cluster, which may be gone, for
-            # another
+            # without xarray's own locks: it would wait for those above, and ask a cluster, perhaps gone, for one more
             mode, name = "a" if number else "w", os.fspath(temporary)
             with ONE_THREAD, NetCDF4DataStore.open(name, mode, lock=DummyLock()) as store:
                 part.dump_to_store(store)
