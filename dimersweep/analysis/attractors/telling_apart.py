@@ -19,8 +19,7 @@ from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, MODES, S
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.solving import RunSettings, exactly, run_row
 
-# difference up to which spins [rad/s], speeds [m/s] and impact phases [cycles] are those of one fate: relative, and
-# absolute
+# difference (relative, and absolute) up to which spins [rad/s], speeds [m/s] and impact phases [cycles] are the same
 ONE_FATE = 1e-3
 
 
@@ -185,8 +184,7 @@ class Classifier:
         for attractor in attractors:
             parts: list[tuple[Fate | None, list[int]]] = []
             middle = np.median(spins[attractor.members])
-            # starts with the most and the least spin first: the others drift along parts of their ways, which are known
-            # then
+            # starts with the most and the least spin first: others drift along parts of their ways, known by then
             for start in sorted(attractor.members.tolist(), key=lambda start: -abs(spins[start] - middle)):
                 fate = self._fate(attractor, start, flows)
                 members = next((members for known, members in parts if alike(known, fate)), None)

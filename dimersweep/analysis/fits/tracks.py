@@ -121,8 +121,7 @@ class Track:
         fades = (orbit.slow_multiplier - 1) * f / orbit.periods
         span = float(np.ptp(self.times))
         t = span * _scaled(self.times)
-        # the spin is that after an impact, but the rate is the mean over the period before: its time is half a period
-        # earlier
+        # the spin is that after an impact, but the rate is the mean over the period before it: half a period earlier
         t += 0.5 * orbit.periods / f
         at = np.linspace(t.min(), t.max(), int(SPIRAL_STEPS * rate * span / TURN) + SPIRAL_STEPS)
         pace = at * exprel(fades * at)
