@@ -1,4 +1,4 @@
-"""What the house weighs does not grow unnoticed: lines of both halves, floors and types of orbits; and docstrings have verbs."""
+"""Keep count of what the house weighs: lines of both halves, floors and types of orbits; and docstrings begin with verbs."""
 
 import pytest
 
