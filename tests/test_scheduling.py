@@ -2,13 +2,12 @@
 
 import logging
 import os
+import re
 import signal
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from functools import partial
-from importlib.metadata import version
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -21,15 +20,19 @@ from hypothesis import strategies as st
 import dimersweep
 from dimersweep.cubes.results import RESULT, Tile, blank_results, chunks, common, gaps, pieces, runs
 from dimersweep.errors import KernelError, ParameterError, PointError, UnfinishedError
+from dimersweep.faces import __version__
+from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.model.layout import M_DRIFT, M_UNRESOLVED, ROW, ROW_BETA0
 from dimersweep.runs import solving
+from dimersweep.storage.provenance import CHECKSUM
 from dimersweep.studies.sweep import study_of
 from dimersweep.work import scheduling, stopping, tiles, waiting
-from dimersweep.work.progress import Tally
+from dimersweep.work.proving import prove
 from dimersweep.work.scheduling import IN_FLIGHT, Pool, run_tasks
 from dimersweep.work.stopping import StopFlag, stoppable
 from dimersweep.work.tiles import Made, attempt
+from dimersweep.work.waiting import Patience
 from tests.fakes import CODE, points_on_disk, raising
 from tests.seams import SteadyPace, no_warm_up, set_clock, set_pace, use_kernel
 
@@ -123,11 +126,19 @@ def test_one_point_that_raises_costs_no_other(monkeypatch):
     assert (made.broken, made.reason) == (1, "MemoryError: no room")
 
 
+def patient(pool):
+    """A flag that is not set, and who waits without a word."""
+    stop = StopFlag()
+    return stop, Patience(pool, stop, None, show=False)
+
+
 def test_few_tasks_are_in_flight_and_short_ones_go_on():
-    flying, most, taken = set(), [0], []
+    flying, most, taken, taken_up, given_back = set(), [0], [], [], []
     lock = threading.Lock()
 
-    def submit(work, points, seconds):
+    def submit(work, points, seconds, ahead):
+        assert ahead == len(taken_up) - len(given_back)
+        taken_up.append(points)
         future = Future()
         with lock:
             flying.add(future)
@@ -143,7 +154,8 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
         return future
 
     pool, pace = Pool(submit, lambda: 3), SteadyPace(7, lambda: 3)
-    for points, made in run_tasks(pool, SPEC, [Tile(0, 500)], pace, StopFlag()):
+    for points, made in run_tasks(pool, SPEC, [Tile(0, 500)], pace, *patient(pool)):
+        given_back.append(points)
         taken += points[: len(made.results)].tolist()
     assert sorted(taken) == list(range(500))
     assert most[0] <= 3 * IN_FLIGHT
@@ -204,33 +216,23 @@ def test_a_worker_that_dies_costs_its_tile_alone(cluster, monkeypatch, tmp_path)
 
 
 @pytest.mark.jit
-@pytest.mark.parametrize("numba", [None, "0.0.1"], ids=["other sources", "another Numba"])
-def test_workers_with_another_kernel_are_refused(cluster, numba):
+def test_workers_with_another_kernel_are_refused_before_they_compile(cluster):
     def pretend():
         import dimersweep.work.scheduling as there
 
-        there.ours = there.kernel_version, there._packages
-        there.kernel_version = lambda: "another"
-        there.proof_of, there.is_proven = there.is_proven, lambda: numba is None
-        if numba:
-            packages = there._packages() | {"numba": numba}
-            there._packages = lambda: packages
-            there.get_ready = None  # versions are compared before minutes go by
+        there.ours = there.kernel_version, there.get_ready
+        there.kernel_version, there.get_ready = lambda: "another", None
 
     def be_honest():
         import dimersweep.work.scheduling as there
-        from dimersweep.work.warming import get_ready
 
-        (there.kernel_version, there._packages), there.get_ready, there.is_proven = (
-            there.ours,
-            get_ready,
-            there.proof_of,
-        )
+        there.kernel_version, there.get_ready = there.ours
 
     cluster.run(pretend)
-    more = rf"; numba {version('numba')} here, 0.0.1 there" if numba else ""
-    told = r"^scheduler: worker process \d+ on \S+ has another kernel \(kernel version [0-9a-f]{16} here, another there"
-    told += more + r"\); give all the same"
+    versions = (
+        rf"[0-9a-f]{{16}} of dimersweep {re.escape(__version__)} here, another of dimersweep {re.escape(__version__)}"
+    )
+    told = rf"^scheduler: worker process \d+ on \S+ has another kernel \({versions} there\); give all the same version$"
     try:
         with pytest.raises(ParameterError, match=told):
             sweep(client=cluster)
@@ -239,20 +241,17 @@ def test_workers_with_another_kernel_are_refused(cluster, numba):
 
 
 @pytest.mark.jit
-def test_a_worker_that_comes_later_is_compared_before_it_compiles(monkeypatch):
-    monkeypatch.setattr(scheduling, "is_proven", lambda: False)
-    monkeypatch.setattr(scheduling, "get_ready", lambda: pytest.fail("it was compiled"))
-    others = scheduling.kernel_made_of() | {scheduling.KERNEL_NAME: "another", "Python": "3.10.1"}
-    with pytest.raises(ParameterError, match=r"; Python 3.10.1 here, 3\.\d+\.\d+ there\); give all the same"):
-        scheduling.run_elsewhere(Endless(), np.arange(3), 60.0, others, "asker")
+def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path, monkeypatch):
+    """One of two, whose first task ends the sweep: it fails when the other one has done the rest, which is kept."""
+    out, late = tmp_path / "cube.nc", tmp_path / "late"
 
-
-@pytest.mark.jit
-def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
-    def damage():
+    def damage(late):
         import dimersweep.work.proving as there
 
         def cannot_load(*arguments):
+            ends = time.monotonic() + 60
+            while not late.exists() and time.monotonic() < ends:
+                time.sleep(0.01)
             raise EOFError("Ran out of input")
 
         there.ours, there.run_many = there.run_many, cannot_load
@@ -263,15 +262,25 @@ def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path):
 
         there.run_many = there.ours
 
-    cluster.run(damage)  # of all, as the points are so quick that one worker may do all of them
+    def fail_when_the_rest_is_done():
+        wait_for(lambda: points_on_disk(out) >= 80)
+        late.touch()
+
+    set_pace(monkeypatch, 5)  # the damaged one holds at most the task that it is at and the next one
+    monkeypatch.setattr("dimersweep.storage.tilestore.FLUSH_SECONDS", 0.0)
+    damaged, _ = cluster.nthreads()
+    cluster.run(damage, late, workers=[damaged])
+    failing = threading.Thread(target=fail_when_the_rest_is_done)
+    failing.start()
     told = r"^scheduler: worker process \d+ on .*: kernel: cannot run here \(EOFError: Ran out of input\)$"
     try:
         with pytest.raises(KernelError, match=told):
-            sweep(client=cluster, out=tmp_path / "cube.nc")
+            sweep(client=cluster, out=out)
     finally:
-        cluster.run(mend)
-    assert not (tmp_path / "cube.nc").exists()
-    assert (sweep(client=cluster, out=tmp_path / "cube.nc")["mode"].values > 1).all()
+        failing.join()
+        cluster.run(mend, workers=[damaged])
+    assert 80 <= points_on_disk(out) < 90 and not out.exists()
+    assert sweep(client=cluster, out=out).attrs[CHECKSUM] == sweep().attrs[CHECKSUM]
 
 
 @pytest.mark.jit
@@ -312,7 +321,7 @@ def test_an_adaptive_cluster_sees_the_work_that_waits(monkeypatch):
 
 
 def test_what_a_task_leaves_undone_is_cut_as_all_else():
-    def submit(work, points, seconds):
+    def submit(work, points, seconds, ahead):
         future = Future()
         future.set_result(Made(blank_results(min(3, points.size)), 1.0))
         return future
@@ -321,8 +330,8 @@ def test_what_a_task_leaves_undone_is_cut_as_all_else():
         def note(self, points, seconds):
             self.length = 3
 
-    sizes = []
-    for points, _ in run_tasks(Pool(submit, lambda: 1), SPEC, [Tile(0, 90)], Learning(90), StopFlag()):
+    sizes, pool = [], Pool(submit, lambda: 1)
+    for points, _ in run_tasks(pool, SPEC, [Tile(0, 90)], Learning(90), *patient(pool)):
         sizes.append(points.size)
     assert sizes == [90] + [3] * 29
 
@@ -340,7 +349,6 @@ class SLURMCluster:
     """What dask-jobqueue's has."""
 
     plan = ("a", "b")
-    job_cls = type("SLURMJob", (), {"submit_command": "sbatch"})
     job_header = "#SBATCH -J dask-worker\n#SBATCH -e logs/dask-worker-%J.err\n#SBATCH -p closed\n#SBATCH --mem=16G"
 
 
@@ -349,7 +357,7 @@ def test_what_is_waited_for_is_told_with_where_to_look(tmp_path, monkeypatch):
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "dask-worker-7.err").write_text("no such queue")
     asked = "SLURMCluster asks for 2 (each of them -J dask-worker -e logs/dask-worker-%J.err -p closed --mem=16G)"
-    look = "see squeue --me, and the newest log of a job: logs/dask-worker-7.err"
+    look = "see the queue (squeue --me), and the newest log of a job: logs/dask-worker-7.err"
     client = Planned(SLURMCluster())
     assert waiting.words_for(client, {}, [], 0) == f"no worker; {asked}; {look}"
     told = waiting.words_for(client, {"one": 4}, [True, False, False], 1)
@@ -397,32 +405,39 @@ def pool_that(lacks):
     return Pool(None, lambda: 2, lacks=lambda: lacks, words=lambda: "two workers")
 
 
+def waits(monkeypatch, pool, seconds, step=1.0, came=lambda at: False, give_up_after=None):
+    """Look so many times a second, for so many seconds of a clock that does not wait; the flag, and when it was set [s]."""
+    clock, stop = [0.0], StopFlag()
+    monkeypatch.setattr(waiting, "monotonic", lambda: clock[0])
+    patience = Patience(pool, stop, give_up_after, show=True)
+    while clock[0] < seconds and not stop.is_set():
+        clock[0] += step
+        patience.look(came=came(clock[0]))
+    return stop, clock[0]
+
+
 @pytest.mark.parametrize("lacking", [True, False], ids=["a worker is missing", "nothing comes back"])
 def test_a_wait_is_told_every_minute(monkeypatch, capsys, lacking):
-    monkeypatch.setattr(waiting, "LOOK_SECONDS", 0.02)
-    monkeypatch.setattr(waiting, "SILENT_SECONDS", 0.3)
-    tally, stop = Tally(100), StopFlag()
-    with waiting.patience(tally, pool_that(lacking), stop, show=True):
-        ends = time.monotonic() + 1.0
-        while time.monotonic() < ends:
-            if lacking:
-                tally.add({"rest": 1})
-            time.sleep(0.01)
-    told = capsys.readouterr().err.splitlines()
-    silent = "" if lacking else "no result for 0:00:00; "
-    assert {line.replace("0:00:01", "0:00:00") for line in told} == {f"{silent}two workers"}
-    assert 2 <= len(told) <= 3 and not stop.is_set()
+    stop, _ = waits(monkeypatch, pool_that(lacking), 200.0, came=lambda at: lacking)
+    silent = [""] * 3 if lacking else [f"no result for 0:0{minute}:00; " for minute in (1, 2, 3)]
+    assert capsys.readouterr().err.splitlines() == [f"{each}two workers" for each in silent]
+    assert not stop.is_set()
+
+
+def test_a_wait_begins_with_the_last_result(monkeypatch, capsys):
+    waits(monkeypatch, pool_that(False), 120.0, came=lambda at: at <= 50.0)
+    assert capsys.readouterr().err == "no result for 0:01:00; two workers\n"
 
 
 def test_nothing_is_told_while_all_are_there_and_results_come(monkeypatch, capsys):
-    monkeypatch.setattr(waiting, "LOOK_SECONDS", 0.02)
-    monkeypatch.setattr(waiting, "SILENT_SECONDS", 0.2)
-    tally = Tally(100)
-    with waiting.patience(tally, pool_that(False), StopFlag(), 5.0, show=True):
-        for _ in range(50):
-            tally.add({"rest": 1})
-            time.sleep(0.01)
-    assert capsys.readouterr().err == ""
+    stop, _ = waits(monkeypatch, pool_that(False), 1000.0, came=lambda at: at % 50.0 == 0.0, give_up_after=55.0)
+    assert capsys.readouterr().err == "" and not stop.is_set()
+
+
+def test_nobody_waits_longer_than_was_asked(monkeypatch, capsys):
+    stop, seconds = waits(monkeypatch, pool_that(True), 1000.0, 0.1, give_up_after=30.0)
+    assert seconds == pytest.approx(30.0, abs=0.2) and capsys.readouterr().err == ""
+    assert stop.given_up == "no result for 0:00:30; two workers"
 
 
 def test_a_sweep_is_given_up_if_that_was_asked(monkeypatch):
@@ -442,22 +457,18 @@ def test_a_sweep_is_given_up_if_that_was_asked(monkeypatch):
 def test_the_words_of_a_wait_come_from_the_workers(cluster):
     seen = []
 
-    @contextmanager
-    def wait(tally, pool, stop, seconds, *, show):
-        yield
-        seen.append((pool.lacks(), pool.words()))
+    def forget():
+        from dimersweep.work.proving import proof
 
-    def compile_now(yes):
-        from dimersweep.kernel.compiler.cache import under_way
+        proof.cache_clear()
 
-        (under_way.set if yes else under_way.clear)()
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("dimersweep.work.computing.patience", wait)
-        cluster.run(compile_now, True)
-        sweep(client=cluster)
-        cluster.run(compile_now, False)
-    assert seen == [(False, "2 workers with 2 threads; 2 wait until the kernel is compiled")]
+    with scheduling.cluster(cluster) as pool:
+        assert pool.workers() == 2
+        for change in (forget, prove):
+            cluster.run(change)
+            seen.append((pool.lacks(), pool.words()))
+    there = "2 workers with 2 threads"
+    assert seen == [(False, f"{there}; 2 wait until the kernel is compiled"), (False, there)]
 
 
 def busy(dask_worker):
@@ -601,7 +612,7 @@ class Endless(NamedTuple):
 
 def test_a_task_elsewhere_ends_when_its_asker_says_so(monkeypatch):
     monkeypatch.setattr(scheduling, "get_ready", lambda: None)
-    run = partial(scheduling.run_elsewhere, Endless(), np.arange(3), 60.0, scheduling.kernel_made_of())
+    run = partial(scheduling.run_elsewhere, Endless(), np.arange(3), 60.0, (kernel_version(), __version__))
     with ThreadPoolExecutor(2) as pool:
         mine, other = pool.submit(run, "mine"), pool.submit(run, "another's")
         scheduling.stop_elsewhere("mine")

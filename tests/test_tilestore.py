@@ -305,16 +305,6 @@ def test_what_is_no_store_is_refused_before_any_work_and_stays(monkeypatch, targ
     assert Path("file").read_text() == "precious" and (target or STORE.read_text() == "precious")
 
 
-def test_a_folder_of_a_former_revision_is_refused_with_what_to_do():
-    STORE.mkdir()
-    (STORE / "manifest.jsonl").write_text("{}")
-    told = "is a folder, in which revisions up to a757d98 keep what is finished; finish it with one of these, or delete"
-    for ask in (sweep, lambda: sweep(force=True), lambda: status(Path("cube.nc"))):
-        with pytest.raises(StoreError, match=f"^cube.nc.tiles: {told} the folder to begin anew$"):
-            ask()
-    assert os.listdir() == ["cube.nc.tiles"] and os.listdir(STORE) == ["manifest.jsonl"]
-
-
 def test_a_link_in_place_of_the_journal_leads_nowhere():
     left_behind((0, 30))
     Path("precious").write_text("precious")

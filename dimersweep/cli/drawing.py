@@ -158,8 +158,12 @@ def draw_beside(
     tell(f"picture: {picture}", picture=str(picture))
 
 
-def draw_if_it_can(tell: Printer, cube: "xr.Dataset", picture: Path, *, force: bool) -> None:
-    """Draw a cube that was just written; if that fails, warn, and let the command succeed."""
+def show_written(tell: Printer, cube: "xr.Dataset", out: Path, picture: Path | None, *, force: bool) -> None:
+    """Print a summary of a cube that was just written, and draw the cube; if drawing fails, warn, and let the command succeed."""
+    print_cube(tell, cube)
+    tell(f"cube: {out}", cube=str(out))
+    if picture is None:
+        return
     try:
         check_picture_of(cube.attrs["configuration_sha256"], picture, force=force)
         draw_beside(tell, cube, picture)

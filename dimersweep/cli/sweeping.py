@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dimersweep.cli.drawing import check_kind, check_picture_of, draw_if_it_can, print_cube
+from dimersweep.cli.drawing import check_kind, check_picture_of, show_written
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Force, Periods, Rtol, Workers, argument, option
 from dimersweep.cli.printing import Printer, telling
@@ -76,7 +76,7 @@ def run(
         from dimersweep.storage.provenance import as_text, digest
         from dimersweep.studies.making import make_cube
 
-        study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry, observe=_here(observe))
+        study = declared.study(periods=periods, rtol=rtol, certify=certify, carry=carry, observe=observe)
         if plot and not cube_file.exists():
             # with --from the kind is that of the first cube: if it cannot be drawn, a warning is enough
             if source is None:
@@ -97,10 +97,7 @@ def run(
             part=part,
             progress=not tell.quiet,
         )
-        print_cube(tell, cube)
-        tell(f"cube: {cube_file}", cube=str(cube_file))
-        if plot:
-            draw_if_it_can(tell, cube, picture, force=forced)
+        show_written(tell, cube, cube_file, picture if plot else None, force=forced)
 
 
 @telling
@@ -115,39 +112,34 @@ def merge(
     force: Force = False,
 ) -> None:
     """Make one cube of the parts of a sweep, which run --part has made, and draw it."""
-    picture = out.with_suffix(".png")
-    with interruptible(out, picture if plot else None, again="run the same again with --force"):
+    picture = out.with_suffix(".png") if plot else None
+    with interruptible(out, picture, again="run the same again with --force"):
         from dimersweep.studies.merging import merge
 
         cube = merge(parts, out, finish=finish, force=force, workers=workers, progress=not tell.quiet)
-        print_cube(tell, cube)
-        tell(f"cube: {out}", cube=str(out))
-        if plot:
-            draw_if_it_can(tell, cube, picture, force=force)
+        show_written(tell, cube, out, picture, force=force)
 
 
 def _declared(
     declaration: Path | None, source: Path | None = None, out: Path | None = None, *, other_kernel: bool = False
 ) -> "Declaration":
-    """Return the declaration in a file, or the declaration that makes the cube `source` again."""
+    """Return the declaration in a file, or the declaration that makes the cube `source` again.
+
+    Modules of observers are searched for in the working folder, too.
+    """
     if (declaration is None) == (source is None):
         raise typer.BadParameter("give either SWEEP.toml or --from CUBE")
     if declaration is None and out is None:
         raise typer.BadParameter("--from CUBE needs --out, the cube to write")
     from dimersweep.studies.declared import from_cube, read_declaration
-
-    if declaration is not None:
-        return read_declaration(find_declaration(declaration))
-    assert source is not None
-    return from_cube(source, other_kernel=other_kernel)
-
-
-def _here(observe: str | None) -> str | None:
-    """Return the name of an observer, and have its module searched for in the working folder, too."""
     from dimersweep.studies.observing import look_in
 
+    if source is not None:
+        declared = from_cube(source, other_kernel=other_kernel)
+    elif declaration is not None:
+        declared = read_declaration(find_declaration(declaration))
     look_in(Path())
-    return observe
+    return declared
 
 
 @telling
@@ -166,7 +158,7 @@ def plan(
     from dimersweep.work.options import make_options
 
     declared = _declared(declaration)
-    study = declared.study(periods=periods, rtol=rtol, carry=carry, observe=_here(observe))
+    study = declared.study(periods=periods, rtol=rtol, carry=carry, observe=observe)
     threads = make_options(workers=workers).workers
     tell.report_compiling()
     made = plan(study, threads, Path(declared.sweep.output))

@@ -322,9 +322,6 @@ def _refuse_others(path: Path) -> None:
     StoreError
         If there is a folder, a link or a device.
     """
-    if (path / "manifest.jsonl").exists():
-        former = "is a folder, in which revisions up to a757d98 keep what is finished"
-        raise StoreError(f"{path}: {former}; finish it with one of these, or delete the folder to begin anew")
     if os.path.lexists(path) and (path.is_symlink() or not path.is_file()):
         raise StoreError(f"{path}: is no file, where what is finished is kept; move it, or give another output")
 

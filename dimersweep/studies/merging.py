@@ -75,7 +75,7 @@ def merge(
     cube = open_cube(first)
     for path in paths:
         _take(cube, path, there, first)
-    own = _part_of(cube, first)
+    own, settings = _told(cube, first)
     whole = first.with_name(first.name.replace(f".part-{own.number}-of-{own.total}", "", 1))
     lacking = [SweepPart(number, own.total) for number in range(1, own.total + 1) if number not in there]
     for part in lacking if finish else ():
@@ -85,8 +85,7 @@ def merge(
     if lacking and not finish:
         told = ", ".join(f"{part}{' (begun)' * tiles_of(part.file(whole)).exists()}" for part in lacking)
         raise StoreError(f"{first}: these parts are missing: {told}; make them, or have them made here (finish=True)")
-    cube.attrs |= configured(_settings(cube))
-    del cube.attrs[CHECKSUM]
+    cube.attrs |= configured(settings)
     cube.attrs[CHECKSUM] = checksum_of(cube)
     if out is not None:
         write_cube(cube, out, force=force)
@@ -98,10 +97,10 @@ def _take(cube: xr.Dataset, path: Path, there: dict[int, Path], first: Path) -> 
     sweep.
     """
     other = open_cube(path)
-    own, part, both = _part_of(cube, first), _part_of(other, path), f"{first} and {path}"
+    (own, settings), (part, others), both = _told(cube, first), _told(other, path), f"{first} and {path}"
     if part.total != own.total:
         raise StoreError(f"{both}: are parts of {own.total} and of {part.total}")
-    if changes := differences(_settings(cube), _settings(other)):
+    if changes := differences(settings, others):
         raise StoreError(f"{both}: are parts of different sweeps ({'; '.join(changes)})")
     if part.number in there:
         raise StoreError(f"{there[part.number]} and {path}: are the same part, {part}")
@@ -118,14 +117,9 @@ def _take(cube: xr.Dataset, path: Path, there: dict[int, Path], first: Path) -> 
     there[part.number] = path
 
 
-def _part_of(cube: xr.Dataset, path: Path) -> SweepPart:
-    """Return the part of a sweep that a cube is; raise a StoreError if it is a whole cube."""
-    told = json.loads(cube.attrs["configuration"]).get(PART)
-    if told is None:
+def _told(cube: xr.Dataset, path: Path) -> tuple[SweepPart, dict[str, Any]]:
+    """Return which part of a sweep a cube is, and the configuration of all parts; raise a StoreError if it is none."""
+    settings = json.loads(cube.attrs["configuration"])
+    if PART not in settings:
         raise StoreError(f"{path}: is no part of a sweep, but a whole cube")
-    return SweepPart.of(told)
-
-
-def _settings(cube: xr.Dataset) -> dict[str, Any]:
-    """Return the configuration that all parts of a sweep share."""
-    return {name: value for name, value in json.loads(cube.attrs["configuration"]).items() if name != PART}
+    return SweepPart.of(settings.pop(PART)), settings

@@ -10,12 +10,11 @@ from dimersweep.cubes.results import Finished, Tile, common, not_ok, pieces, tal
 from dimersweep.errors import PointError, Stopped, StoreError, UnfinishedError
 from dimersweep.storage.tilestore import TileStore
 from dimersweep.work.options import Options
-from dimersweep.work.progress import Tally, report_compiling, watch
-from dimersweep.work.proving import is_proven
+from dimersweep.work.progress import Tally, watch
 from dimersweep.work.scheduling import Pace, Pool, cluster, connected, run_tasks, threads
 from dimersweep.work.stopping import StopFlag, stop_on_signals, stoppable
 from dimersweep.work.tiles import Work
-from dimersweep.work.waiting import patience
+from dimersweep.work.waiting import Patience
 from dimersweep.work.warming import get_ready
 
 ALIKE = 10  # tasks in a row that break off for the same reason: the reason is not in the points then
@@ -104,31 +103,30 @@ class Crew(ExitStack):
         self._shown.expect(wanted)
         left = sum(stop - start for start, stop in missing)
         pace = Pace(left, self._pool.workers, self._pool.demand)
+        patience = Patience(self._pool, self._stop, self.options.give_up_after, show=self.options.progress)
         failures: list[tuple[int, str]] = []  # numbers of points that failed, with the reasons
         troubles: list[Trouble] = []
         alike = 0  # troubles in a row for the same reason
         try:
-            with patience(self._shown, self._pool, self._stop, self.options.give_up_after, show=self.options.progress):
-                for points, made in run_tasks(self._pool, work, missing, pace, self._stop):
-                    codes = made.results["codes"]
-                    left -= len(codes)
-                    for piece in pieces(points[: len(codes)], made.results, made.seconds):
-                        self.store.add(piece)
-                    if len(codes):
-                        self._shown.add(tally(codes), made.seconds)
-                        alike = 0
-                    if made.broken:
-                        troubles.append(Trouble(int(points[len(codes)]), made.broken, made.reason))
-                        alike = alike + 1 if troubles[-1].sort == troubles[-2:][0].sort else 1
-                    if self.options.fail_fast and not_ok(codes).any():
-                        row = int(not_ok(codes).argmax())
-                        failures.append((int(points[row]), why_failed(made.results[row])))
-                    if failures or alike >= ALIKE or (troubles and self.options.fail_fast):
-                        self._stop.set()
-        except StoreError:  # the disk has refused, so a flush would fail, too
-            raise
-        except BaseException:
-            self.store.flush()
+            for points, made in run_tasks(self._pool, work, missing, pace, self._stop, patience):
+                codes = made.results["codes"]
+                left -= len(codes)
+                for piece in pieces(points[: len(codes)], made.results, made.seconds):
+                    self.store.add(piece)
+                if len(codes):
+                    self._shown.add(tally(codes), made.seconds)
+                    alike = 0
+                if made.broken:
+                    troubles.append(Trouble(int(points[len(codes)]), made.broken, made.reason))
+                    alike = alike + 1 if troubles[-1].sort == troubles[-2:][0].sort else 1
+                if self.options.fail_fast and not_ok(codes).any():
+                    row = int(not_ok(codes).argmax())
+                    failures.append((int(points[row]), why_failed(made.results[row])))
+                if failures or alike >= ALIKE or (troubles and self.options.fail_fast):
+                    self._stop.set()
+        except BaseException as error:
+            if not isinstance(error, StoreError):  # the disk has refused, so a flush would fail, too
+                self.store.flush()
             raise
         self.store.flush()
         if failures:
@@ -156,8 +154,4 @@ def settle_way(*, progress: bool) -> None:
     Stopped
         On Ctrl-C or SIGTERM.
     """
-    if is_proven():
-        return
-    if progress:
-        report_compiling()
-    stoppable(lambda _: get_ready(), kept="nothing was begun")
+    stoppable(lambda _: get_ready(progress=progress), kept="nothing was begun")

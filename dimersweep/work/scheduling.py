@@ -2,20 +2,16 @@
 
 import logging
 import os
-import platform
 import socket
-import threading
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from functools import cache
-from importlib import metadata
 from math import ceil
 from queue import Empty, SimpleQueue
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 from uuid import uuid4
 
 import numpy as np
@@ -24,12 +20,11 @@ from dimersweep.cubes.results import Tile, blank_results, chunks, ranges_of
 from dimersweep.errors import KernelError, ParameterError, UserError, one_line
 from dimersweep.faces import __version__
 from dimersweep.kernel import kernel_version
-from dimersweep.work.progress import report_compiling
 from dimersweep.work.proving import is_proven
 from dimersweep.work.stopping import POLL, StopFlag
 from dimersweep.work.tiles import TILE_SECONDS, Made, Work, attempt
-from dimersweep.work.waiting import MEMORY, lacks, words_for
-from dimersweep.work.warming import get_ready, is_compiling
+from dimersweep.work.waiting import MEMORY, Patience, lacks, words_for
+from dimersweep.work.warming import get_ready
 
 IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
 # tasks that a cluster is shown, however few workers it has: an adaptive one asks for as many threads as there are 5 s of work,
@@ -46,20 +41,17 @@ TASK_POINTS = 1 << 18  # points of a task, however quick they are: its results t
 TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
 TASK_SECONDS = 0.004  # that a task costs driver and scheduler at most: tasks are long enough for so many workers
 
-KERNEL_NAME = "kernel version"
-
-T = TypeVar("T")
 LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
 
 
 class Pool(NamedTuple):
-    """Where work is done: ``submit(work, points, seconds)`` gives a future of a `Made`; ``workers()`` counts threads.
+    """Where work is done: ``submit(work, points, seconds, ahead)`` gives a future of a `Made`, behind so many others of ours.
 
-    ``stop()`` has tasks end that do not see the flag of this process; ``lacks()`` tells whether workers are missing, and
-    ``words()`` who is there; and `demand` is how many tasks it may be given ahead.
+    ``workers()`` counts threads; ``stop()`` has tasks end that do not see the flag of this process; ``lacks()`` tells whether
+    workers are missing, and ``words()`` who is there; and `demand` is how many tasks it may be given ahead.
     """
 
-    submit: Callable[[Work, np.ndarray, float], "Future[Made]"]
+    submit: Callable[[Work, np.ndarray, float, int], "Future[Made]"]
     workers: Callable[[], int]
     stop: Callable[[], None] = lambda: None
     lacks: Callable[[], bool] = lambda: False
@@ -117,7 +109,7 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
     executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
     try:
         yield Pool(
-            lambda work, points, seconds: executor.submit(attempt, work, points, stop, seconds),
+            lambda work, points, seconds, ahead: executor.submit(attempt, work, points, stop, seconds),
             lambda: workers,
         )
     finally:
@@ -133,10 +125,10 @@ def stop_elsewhere(asker: str) -> None:
     _flags.setdefault(asker, StopFlag()).set()
 
 
-def run_elsewhere(work: Work, points: np.ndarray, seconds: float, made_of: Mapping[str, str], asker: str) -> Made:
+def run_elsewhere(work: Work, points: np.ndarray, seconds: float, asked: tuple[str, str], asker: str) -> Made:
     """Run points in a worker process, if that has the same kernel as the process that asks, and it works there.
 
-    `made_of` is that process's `kernel_made_of`.
+    `asked` are the versions of the kernel and of dimersweep in that process.
 
     Raises
     ------
@@ -145,40 +137,16 @@ def run_elsewhere(work: Work, points: np.ndarray, seconds: float, made_of: Mappi
     KernelError
         If it cannot run there, or gives wrong numbers.
     """
-    who = f"worker process {os.getpid()} on {socket.gethostname()}"
-    refuse_others(who, made_of)  # before minutes go by
-    if not is_proven():
-        report_compiling()
+    who = f"scheduler: worker process {os.getpid()} on {socket.gethostname()}"
+    if asked[0] != kernel_version():  # before minutes go by
+        one, other = " of dimersweep ".join(asked), f"{kernel_version()} of dimersweep {__version__}"
+        raise ParameterError(f"{who} has another kernel ({one} here, {other} there); give all the same version")
     try:
         get_ready()
         work.check_here()
     except (KernelError, ParameterError) as error:
-        raise type(error)(f"scheduler: {who}: {error}") from None
+        raise type(error)(f"{who}: {error}") from None
     return attempt(work, points, _flags.setdefault(asker, StopFlag()), seconds)
-
-
-@cache
-def _packages() -> dict[str, str]:
-    told = {name: metadata.version(name) for name in ("numba", "llvmlite", "numpy")}
-    return {"dimersweep": __version__, "Python": platform.python_version()} | told
-
-
-def kernel_made_of() -> dict[str, str]:
-    """Return the version of the kernel here, and of each package that it is made with."""
-    return {KERNEL_NAME: kernel_version()} | _packages()
-
-
-def refuse_others(who: str, asked: Mapping[str, str]) -> None:
-    """Raise a ParameterError if the kernel of this process, `who`, has other sources than the one that is asked for.
-
-    The line names every package that differs, as the sources of one that is installed may have come with another.
-    """
-    here = kernel_made_of()
-    if here[KERNEL_NAME] != asked[KERNEL_NAME]:
-        other = "; ".join(
-            f"{name} {value} here, {here[name]} there" for name, value in asked.items() if value != here[name]
-        )
-        raise ParameterError(f"scheduler: {who} has another kernel ({other}); give all the same version of dimersweep")
 
 
 @contextmanager
@@ -223,37 +191,34 @@ def cluster(client: Any) -> Iterator[Pool]:
     executor: Any = client.get_executor(pure=False)
     counted, asker, begun = -COUNT_SECONDS, uuid4().hex, time.time()
     there: dict[str, int] = {}
-    flying: set[Future[Made]] = set()
 
     def workers() -> int:
         nonlocal counted, there
         if time.monotonic() - counted > COUNT_SECONDS:
-            with _connection():
-                counted, there = time.monotonic(), client.nthreads()
+            with _connection(), suppress(TimeoutError):
+                there = client.nthreads(callback_timeout=ANSWER_SECONDS)
+            counted = time.monotonic()
         return sum(there.values())
 
     def words() -> str:
         # what the scheduler has noted is asked for: who subscribes to it replaces whoever else has on this client
-        noted: Any = answer_of(lambda: client.get_events("all"))
-        events = [] if isinstance(noted, Exception) else [event for at, event in noted if at >= begun]
-        gone = [event for event in events if isinstance(event, dict) and event.get("action") == "remove-worker"]
-        left = [bool(event.get("expected")) for event in gone]
-        compiling = list(ask_workers(client, is_compiling).values()).count(True)
-        return words_for(client, there, left, compiling)
+        noted = answers(client.sync, client.scheduler.events).get("all", ())
+        events = [event for at, event in noted if at >= begun and isinstance(event, dict)]
+        left = [bool(event.get("expected")) for event in events if event.get("action") == "remove-worker"]
+        unready = list(answers(client.run, is_proven, on_error="return").values()).count(False)
+        return words_for(client, there, left, unready)
 
-    def submit(work: Work, points: np.ndarray, seconds: float) -> "Future[Made]":
+    def submit(work: Work, points: np.ndarray, seconds: float, ahead: int) -> "Future[Made]":
         # The task carries its points along: data scattered beforehand could die with a worker. What waits behind others of
         # ours lets those of another driver pass.
-        given = *work.narrowed(points), seconds, kernel_made_of(), asker
         with _connection():
-            future: Future[Made] = executor.submit(run_elsewhere, *given, priority=-len(flying))
-        flying.add(future)
-        future.add_done_callback(flying.discard)
-        return future
+            given = *work.narrowed(points), seconds, (kernel_version(), __version__), asker
+            return executor.submit(run_elsewhere, *given, priority=-ahead)
 
     def stop() -> None:
-        for error in ask_workers(client, stop_elsewhere, asker).values():
-            if error is not None and not isinstance(error, OSError):  # of one that has left
+        for error in answers(client.run, stop_elsewhere, asker, on_error="return").values():
+            has_left = isinstance(error, OSError) and not isinstance(error, TimeoutError)
+            if error is not None and not has_left:
                 why = f"{type(error).__name__}: {one_line(error)}"
                 warnings.warn(f"scheduler: a worker could not be told to stop ({why})", RuntimeWarning, stacklevel=2)
 
@@ -267,33 +232,12 @@ def cluster(client: Any) -> Iterator[Pool]:
             executor.shutdown(wait=False)
 
 
-def answer_of(ask: Callable[[], T]) -> T | Exception:
-    """Return what a scheduler or its workers answer, or the error.
-
-    A worker that hangs, or a scheduler that is lost, would keep whoever waits for it: where the answer takes longer than
-    `ANSWER_SECONDS` that is the error.
-    """
-    answers: list[T | Exception] = [TimeoutError(f"no answer within {ANSWER_SECONDS:g} s")]
-
-    def wait_for_it() -> None:
-        try:
-            answers.append(ask())
-        except Exception as error:  # distributed has no common class for what a lost scheduler leads to
-            answers.append(error)
-
-    asking = threading.Thread(target=wait_for_it, daemon=True, name="dimersweep-asks")
-    asking.start()
-    asking.join(ANSWER_SECONDS)
-    return answers[-1]
-
-
-def ask_workers(client: Any, function: Callable[..., Any], *given: Any) -> dict[str, Any]:
-    """Return what a function gives in each worker process, by its address, or the error that it raised there.
-
-    Where no worker can be asked there is an error alone, with no address; see `answer_of`.
-    """
-    found = answer_of(lambda: client.run(function, *given, on_error="return"))
-    return {"": found} if isinstance(found, Exception) else found
+def answers(ask: Callable[..., dict[str, Any]], *given: Any, **more: Any) -> dict[str, Any]:
+    """Return what a method of a client answers within `ANSWER_SECONDS`; an error alone where whom it asks hangs, or is lost."""
+    try:
+        return ask(*given, callback_timeout=ANSWER_SECONDS, **more)
+    except Exception as error:  # distributed has no common class for what a lost scheduler leads to
+        return {"": error}
 
 
 @contextmanager
@@ -324,9 +268,9 @@ def outcome(future: "Future[Made]", points: int) -> Made:
 
 
 def run_tasks(
-    pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, stop: StopFlag
+    pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, stop: StopFlag, patience: Patience
 ) -> Iterator[tuple[np.ndarray, Made]]:
-    """Do `work` at the points of `missing`, in tasks as `pace` says, until all are done or `stop` is set.
+    """Do `work` at the points of `missing`, in tasks as `pace` says, until all are done or `stop` is set, as by `patience`.
 
     What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `TASK_GRACE` seconds to come
     back with the points they have.
@@ -347,7 +291,7 @@ def run_tasks(
             task = undone.popleft() if undone else next(tasks, None)
             if task is None:
                 break
-            future = pool.submit(work, task, pace.seconds)
+            future = pool.submit(work, task, pace.seconds, len(running))
             running[future] = task
             future.add_done_callback(done.put)
         if not running:
@@ -355,10 +299,12 @@ def run_tasks(
         try:
             future = done.get(timeout=POLL)
         except Empty:
+            patience.look(came=False)
             continue
         task = running.pop(future)
         made = outcome(future, task.size)
         pace.note(len(made.results), made.seconds)
+        patience.look(came=len(made.results) > 0)
         left = task[len(made.results) + made.broken :]
         undone.extend(chunks(ranges_of(left), lambda: pace.length, work.line))  # it may be far too much for one
         yield task, made

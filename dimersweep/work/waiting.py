@@ -2,51 +2,45 @@
 
 import re
 import sys
-import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from math import inf
 from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from dimersweep.work.progress import Tally, clock
+from dimersweep.work.progress import clock
 from dimersweep.work.stopping import StopFlag
 
-LOOK_SECONDS, SILENT_SECONDS = 5.0, 60.0  # between two looks, and two lines
-QUEUES = {"sbatch": "squeue --me", "bsub": "bjobs", "condor_submit": "condor_q"}  # by what a job is submitted with
+SILENT_SECONDS = 60.0  # between two lines
 MEMORY = "a worker takes 270 MB with the kernel loaded, and 1.0 GB beside it while that is compiled"
 HEAL = "cluster.adapt(minimum_jobs=n, maximum_jobs=n) replaces workers that leave, cluster.scale does not"
 
 
-@contextmanager
-def patience(tally: Tally, pool: Any, stop: StopFlag, seconds: float | None = None, *, show: bool) -> Iterator[None]:
-    """Say what is waited for on stderr, if it is to be shown, and set `stop` if nothing has come back for `seconds` [s].
+class Patience:
+    """Look whether results come and all workers of a `Pool` are there, and say so once a minute if not, if that is to be shown.
 
-    There is a line for each minute without a result in the `tally`, and for each in which workers of the `Pool` were missing.
+    Where nothing has come back for `seconds` [s], `stop` is set.
     """
-    ended = threading.Event()
 
-    def watch() -> None:
-        done, told = tally.done, monotonic()
-        came = well = told  # the last result, and when all workers were there
-        while not ended.wait(LOOK_SECONDS if seconds is None else min(LOOK_SECONDS, seconds / 2)):
-            now = monotonic()
-            done, came = tally.done, now if tally.done != done else came
-            well = well if pool.lacks() else now
-            silent = f"no result for {clock(now - came)}; "
-            if seconds is not None and now - came >= seconds:
-                stop.given_up = silent + pool.words()
-                stop.set()
-                return
-            if show and now - max(told, min(came, well)) >= SILENT_SECONDS - LOOK_SECONDS / 2:
-                told = now
-                print((silent if now - came >= LOOK_SECONDS else "") + pool.words(), file=sys.stderr, flush=True)
+    def __init__(self, pool: Any, stop: StopFlag, seconds: float | None, *, show: bool) -> None:
+        self.pool, self.stop, self.seconds, self.show = pool, stop, inf if seconds is None else seconds, show
+        self.told = self.came = self.well = (
+            monotonic()
+        )  # the last line, the last result, and when all workers were there
 
-    threading.Thread(target=watch, daemon=True, name="dimersweep-waits").start()
-    try:
-        yield
-    finally:
-        ended.set()
+    def look(self, *, came: bool) -> None:
+        """Note whether a result has come, and say or do what it is time for."""
+        now = monotonic()
+        self.came = now if came else self.came
+        self.well = self.well if self.pool.lacks() else now
+        silent = now - self.came
+        if silent >= self.seconds:
+            self.stop.given_up = f"no result for {clock(silent)}; {self.pool.words()}"
+            self.stop.set()
+        elif self.show and now - max(self.told, min(self.came, self.well)) >= SILENT_SECONDS:
+            self.told = now
+            words = f"no result for {clock(silent)}; " if silent >= 1.0 else ""
+            print(words + self.pool.words(), file=sys.stderr, flush=True)
 
 
 def lacks(client: Any, there: Mapping[str, int]) -> bool:
@@ -54,13 +48,14 @@ def lacks(client: Any, there: Mapping[str, int]) -> bool:
     return len(there) < max(1, len(getattr(client.cluster, "plan", ())))
 
 
-def words_for(client: Any, there: Mapping[str, int], told_to_leave: Sequence[bool], compiling: int) -> str:
+def words_for(client: Any, there: Mapping[str, int], told_to_leave: Sequence[bool], unready: int) -> str:
     """Return who works for a client, and if workers are missing what is asked for, and where to look.
 
-    `there` has the threads of each worker, and `told_to_leave` whether each that has left was told to.
+    `there` has the threads of each worker, `told_to_leave` whether each that has left was told to; and `unready` of those that
+    are there have not compiled or loaded the kernel yet.
     """
     words = f"{len(there)} workers with {sum(there.values())} threads" if there else "no worker"
-    words += f"; {compiling} wait until the kernel is compiled" if compiling else ""
+    words += f"; {unready} wait until the kernel is compiled" if unready else ""
     left, died = len(told_to_leave), told_to_leave.count(False)
     words += f"; {left} have left" if left else ""
     words += f", {died} of them untold: {MEMORY}" if died else ""
@@ -73,7 +68,6 @@ def words_for(client: Any, there: Mapping[str, int], told_to_leave: Sequence[boo
         files = [Path(name) for name in re.findall(r"-[oe] (\S+)", header)] or [Path("slurm-%j.out")]
         logs = [log for each in files for log in each.parent.glob(re.sub("%[a-zA-Z]", "*", each.name))]
         newest = max(logs, key=lambda log: log.stat().st_mtime, default="none yet")
-        queue = QUEUES.get(getattr(cluster.job_cls, "submit_command", ""), "the queue")
-        words += f" (each of them {asked}); see {queue}, and the newest log of a job: {newest}"
+        words += f" (each of them {asked}); see the queue (squeue --me), and the newest log of a job: {newest}"
         words += f"; {HEAL}" if left else ""
     return words

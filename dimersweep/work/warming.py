@@ -1,15 +1,14 @@
 """The kernel compiled by a process of its own, once for all that share a cache: that keeps Python's lock, and takes 1 GB."""
 
-import os
 import subprocess
 import sys
 import time
 from contextlib import suppress
-from pathlib import Path
 
 from dimersweep.errors import KernelError, one_line
 from dimersweep.kernel.compiler import cache, versions, ways
 from dimersweep.storage.locking import locked
+from dimersweep.work.progress import report_compiling
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.waiting import MEMORY
 
@@ -17,16 +16,18 @@ WARM = "warm"  # what is kept beside the code when all of it is there
 COMPILE = "from dimersweep.work.proving import prove; prove(); import dimersweep; dimersweep.simulate(periods=1)"
 
 
-def get_ready() -> None:
-    """Compile the kernel, where that is still to be done, load it and prove it."""
-    if not is_proven():
+def get_ready(*, progress: bool = True) -> None:
+    """Compile the kernel, where that is still to be done, load it and prove it; say that it is compiled, if that is wanted."""
+    if is_proven():
+        return
+    if progress:
+        report_compiling()
+    cache.under_way.set()
+    try:
         _warm()
-        prove()
-
-
-def is_compiling() -> bool:
-    """Return whether this process has the kernel compiled, or waits for that."""
-    return cache.under_way.is_set()
+    finally:
+        cache.under_way.clear()
+    prove()
 
 
 def _is_warm() -> bool:
@@ -35,30 +36,20 @@ def _is_warm() -> bool:
 
 def _warm() -> None:
     """Have the kernel compiled and kept, while this process stays free for others; wait for one that does it already."""
-    folders = (each for each in cache.base_folders() if _is_writable(each))
-    folder = next(folders, None)  # else no code can be kept
-    if folder is None or _is_warm():
-        return
-    cache.under_way.set()
-    try:
-        while not _is_warm():
-            try:
-                with locked(folder / "compiling.lock"):
-                    if not _is_warm():
-                        _compile()
-                    return
-            except BlockingIOError:
-                time.sleep(0.5)
-            except OSError:  # of a lock that is somebody else's file, or of a machine without room for a process
-                return
-    finally:
-        cache.under_way.clear()
-
-
-def _is_writable(folder: Path) -> bool:
-    with suppress(OSError):
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    return os.access(folder, os.W_OK)
+    for folder in cache.base_folders():
+        with suppress(
+            OSError
+        ):  # of a folder, or a lock, of somebody else's, or of a machine without room for a process
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            while not _is_warm():
+                try:
+                    with locked(folder / "compiling.lock"):
+                        if not _is_warm():
+                            _compile()
+                        return
+                except BlockingIOError:
+                    time.sleep(0.5)
+            return
 
 
 def _compile() -> None:
