@@ -471,6 +471,32 @@ def test_the_words_of_a_wait_come_from_the_workers(cluster):
     assert seen == [(False, f"{there}; 2 wait until the kernel is compiled"), (False, there)]
 
 
+@pytest.mark.jit
+def test_a_worker_that_hangs_is_told_of_and_waited_for_no_longer_than_a_moment(cluster, monkeypatch):
+    monkeypatch.setattr(scheduling, "ANSWER_SECONDS", 0.5)
+    one, *_ = cluster.run(os.getpid).values()
+    with scheduling.cluster(cluster) as pool:
+        assert pool.workers() == 2
+        os.kill(one, signal.SIGSTOP)
+        try:
+            with pytest.warns(RuntimeWarning, match=r"^scheduler: a worker could not be told to stop \(TimeoutError: "):
+                pool.stop()
+            assert pool.words() == "2 workers with 2 threads"
+        finally:
+            os.kill(one, signal.SIGCONT)
+
+
+def test_a_scheduler_that_hangs_leaves_the_count_of_its_workers(cluster, monkeypatch):
+    def hangs(callback_timeout):
+        raise TimeoutError
+
+    monkeypatch.setattr(scheduling, "COUNT_SECONDS", 0.0)
+    with scheduling.cluster(cluster) as pool:
+        assert pool.workers() == 2
+        monkeypatch.setattr(cluster, "nthreads", hangs)
+        assert pool.workers() == 2
+
+
 def busy(dask_worker):
     """How many tasks a worker is at."""
     return len(dask_worker.active_threads)
