@@ -362,9 +362,9 @@ def test_what_is_waited_for_is_told_with_where_to_look(tmp_path, monkeypatch):
     assert waiting.words_for(client, {}, [], 0) == f"no worker; {asked}; {look}"
     told = waiting.words_for(client, {"one": 4}, [True, False, False], 1)
     assert told == (
-        "1 workers with 4 threads; 1 wait until the kernel is compiled; 3 have left, 2 of them untold: a worker takes 270 MB "
-        f"with the kernel loaded, and 1.0 GB beside it while that is compiled; {asked}; {look}; cluster.adapt(minimum_jobs=n, "
-        "maximum_jobs=n) replaces workers that leave, cluster.scale does not"
+        "1 workers with 4 threads; 1 have yet to compile or load the kernel; 3 have left, 2 of them untold: a worker takes 270 "
+        f"MB with the kernel loaded, and 1.0 GB beside it while that is compiled; {asked}; {look}; cluster.adapt("
+        "minimum_jobs=n, maximum_jobs=n) replaces workers that leave, cluster.scale does not"
     )
     assert [waiting.lacks(client, dict.fromkeys(names, 1)) for names in ("", "a", "ab")] == [True, True, False]
     nobody = Planned(None)  # it was given an address
@@ -468,7 +468,7 @@ def test_the_words_of_a_wait_come_from_the_workers(cluster):
             cluster.run(change)
             seen.append((pool.lacks(), pool.words()))
     there = "2 workers with 2 threads"
-    assert seen == [(False, f"{there}; 2 wait until the kernel is compiled"), (False, there)]
+    assert seen == [(False, f"{there}; 2 have yet to compile or load the kernel"), (False, there)]
 
 
 @pytest.mark.jit

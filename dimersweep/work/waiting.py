@@ -24,9 +24,8 @@ class Patience:
 
     def __init__(self, pool: Any, stop: StopFlag, seconds: float | None, *, show: bool) -> None:
         self.pool, self.stop, self.seconds, self.show = pool, stop, inf if seconds is None else seconds, show
-        self.told = self.came = self.well = (
-            monotonic()
-        )  # the last line, the last result, and when all workers were there
+        # when there was a line, a result, and all workers, for the last time
+        self.told = self.came = self.well = monotonic()
 
     def look(self, *, came: bool) -> None:
         """Note whether a result has come, and say or do what it is time for."""
@@ -55,7 +54,7 @@ def words_for(client: Any, there: Mapping[str, int], told_to_leave: Sequence[boo
     are there have not compiled or loaded the kernel yet.
     """
     words = f"{len(there)} workers with {sum(there.values())} threads" if there else "no worker"
-    words += f"; {unready} wait until the kernel is compiled" if unready else ""
+    words += f"; {unready} have yet to compile or load the kernel" if unready else ""
     left, died = len(told_to_leave), told_to_leave.count(False)
     words += f"; {left} have left" if left else ""
     words += f", {died} of them untold: {MEMORY}" if died else ""
