@@ -54,20 +54,23 @@ def main(asked: dict[str, Any]) -> None:
                 time.sleep(0.2)
 
         threading.Thread(target=watch, daemon=True).start()
-        for _ in range(asked.get("times", 1)):
+        for points in asked["points"]:
             for workers in asked.get("beside", []):
                 begun = time.monotonic()
-                sweep(asked["points"], workers=workers, progress=False)
+                sweep(points, workers=workers, progress=False)
                 tell(threads=time.monotonic() - begun)
             try:
                 begun = time.monotonic()
                 tell(begun=True)
-                cube = sweep(asked["points"], client=client, **asked.get("how", {}))
+                cube = sweep(points, client=client, **asked.get("how", {}))
                 tell(seconds=time.monotonic() - begun, hash=cube.attrs["values_sha256"])
             except KeyboardInterrupt:
-                tell(stopped=time.monotonic() - begun)
-                time.sleep(1.0)
-                tell(busy=sum(client.run(busy).values()))
+                tell(stopped=True)
+                ends, left = time.monotonic() + 1.0, 1
+                while left and time.monotonic() < ends + asked.get("patience", 0.0):
+                    time.sleep(max(0.1, ends - time.monotonic()))
+                    left = sum(client.run(busy).values())
+                tell(busy=left)
             except dimersweep.errors.UserError as error:
                 tell(error=str(error))
         ends = time.monotonic() + asked.get("linger", 0)
