@@ -159,7 +159,7 @@ def draw_beside(
 
 
 def show_written(tell: Printer, cube: "xr.Dataset", out: Path, picture: Path | None, *, force: bool) -> None:
-    """Print a summary of a cube that was just written, and draw the cube; if drawing fails, warn, and let the command succeed."""
+    """Print a summary of a cube that was just written, and draw it; if drawing fails, warn, and let the command succeed."""
     print_cube(tell, cube)
     tell(f"cube: {out}", cube=str(out))
     if picture is None:
