@@ -5,7 +5,7 @@ With the JIT off these are the plain functions.
 
 import numpy as np
 
-from dimersweep.kernel import smooth_motion
+from dimersweep.kernel import batch, smooth_motion
 from dimersweep.kernel.compiler.jit import exported, plain
 from dimersweep.kernel.contact import contact_mode as contact_modes
 from dimersweep.kernel.contact import coordinates, forces, phase
@@ -33,6 +33,8 @@ log = called(elementary.log)
 atan2 = called(elementary.atan2)
 raised = called(elementary.raised)
 multiplied = called(elementary.multiplied)
+nearest = called(sines.nearest)
+keep_one_nan = called(batch.keep_one_nan)
 delassus = called(body.delassus)
 take_off = called(free_motion.take_off)
 collide_double = called(impact.double_impact)

@@ -185,3 +185,12 @@ def test_large_angles_are_right_within_what_rounds_them(x):
 @pytest.mark.parametrize("x", [inf, -inf, nan])
 def test_no_angle_gives_no_number(x):
     assert all(map(isnan, sincos(x)))
+
+
+def test_whole_numbers_are_made_without_integers():
+    """An integer of a number that has none is the processor's choice."""
+    rng = np.random.default_rng(3)
+    given = [*rng.uniform(-9, 9, 300), *rng.uniform(-(2.0**50), 2.0**50, 300), *np.arange(-4.5, 5.0), 0.0, -0.0]
+    assert [verbs.nearest(x) for x in given] == [float(round(x)) for x in given]
+    assert [verbs.nearest(x) for x in (1e300, -1e300, inf)] == [1e300, -1e300, inf]
+    assert isnan(verbs.nearest(nan))

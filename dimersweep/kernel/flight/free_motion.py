@@ -6,7 +6,7 @@ written as an increment over the start in 1 - cos x and x - sin x, which keeps t
 any smallness.
 """
 
-from math import copysign, floor, sqrt
+from math import copysign, sqrt
 from typing import Any, NamedTuple
 
 from dimersweep.kernel.compiler.jit import compiled
@@ -14,7 +14,7 @@ from dimersweep.kernel.model.body import attitude, lift
 from dimersweep.kernel.model.layout import CA, CB, D1, D2, DIP, GAMMA, N1, N2, PHASE, SPIN, THETA, WB, WP, X1, Y1
 from dimersweep.kernel.model.plate import over_plate, sway_from, swung
 from dimersweep.kernel.numerics.elementary import atan2, length
-from dimersweep.kernel.numerics.sincos import TWO_PI, one_minus_cos, sincos, x_minus_sin
+from dimersweep.kernel.numerics.sincos import TWO_PI, nearest, one_minus_cos, sincos, x_minus_sin
 
 
 class Flight(NamedTuple):
@@ -107,7 +107,8 @@ def turn_of_heading(kappa, L_n, Omega, x, angle):
     if abs(L_n) <= abs(kappa) * Omega:
         return angle
     way = -copysign(1.0, L_n)
-    turns = floor(x / TWO_PI)
+    turns = nearest(x / TWO_PI)
+    turns -= 1.0 if turns > x / TWO_PI else 0.0  # rounded down
     least = -0.25 * TWO_PI if x - turns * TWO_PI < 0.5 * TWO_PI else 0.25 * TWO_PI
     return angle + way * TWO_PI * (turns if way * angle > least else turns + 1.0)
 
@@ -214,5 +215,5 @@ def advance_path(dm, fl, state, t, turn, u, new):
     angle = atan2(-along_p, along_b)
     # the winding follows the heading: gamma' = spin - theta' sin(beta)
     guess = dm.J_a / dm.J_t * spin * t + turn * 0.5 * (dm.sin_0 + lift(dm, state[DIP]) + u_n)
-    angle += TWO_PI * round((guess - angle) / TWO_PI)
+    angle += TWO_PI * nearest((guess - angle) / TWO_PI)
     state[GAMMA] += angle

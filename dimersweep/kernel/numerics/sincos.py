@@ -56,6 +56,14 @@ def sincos(x):
 
 
 @compiled(inline=True)
+def nearest(x):
+    """The whole number next to x, the even one of two, for an x below 2^51 in size; one that is greater stays what it is, or
+    nearly, and no number is none. (An integer made of such a one would be the processor's choice.)
+    """
+    return (x + TO_WHOLE) - TO_WHOLE
+
+
+@compiled(inline=True)
 def one_minus_cos(s, c):
     """Return 1 - cos x from sin x, cos x without cancellation."""
     return s * s / (1.0 + c) if c > 0.0 else 1.0 - c
