@@ -6,7 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dimersweep import simulate
 from dimersweep.kernel.compiler.ways import PYTHON, way
+from dimersweep.kernel.model.layout import N_OUT
+from dimersweep.kernel.record import new_record, rows_of
+from dimersweep.runs.recorded import EVENT
+from tests.checks.verbs import keep_one_nan
 
 PROGRAM = Path(__file__).parents[1] / "benchmarks" / "evidence" / "other_processors.py"
 FEW = 3  # without the compiler
@@ -43,3 +48,23 @@ def test_another_nan_is_another_result(program):
     """The sign of 0/0 is the processor's, and must not get into a result."""
     odd = -np.array([np.nan])
     assert program.told([1.0], [1], odd) != program.told([1.0], [1], [np.nan])
+
+
+def odd(shape):
+    """No numbers, with the sign that 0/0 has on x86-64."""
+    return np.full(shape, -np.nan)
+
+
+def test_what_is_no_number_has_one_form_where_it_is_stored():
+    """In outcomes, in the rows of a record, which files of runs hold, and in the tables that are made of them."""
+    assert odd(1).tobytes() != np.array([np.nan]).tobytes()
+    outcome = odd(N_OUT)
+    keep_one_nan(outcome)
+    record = new_record(3)
+    record.events[:], record.segments[:], record.counts[:] = odd(record.events.shape), odd(record.segments.shape), 2
+    run = simulate(Gamma=1.5, periods=2)
+    run.record("events").events[:, EVENT.index("slip_1_a")] = odd(len(run.record("events").events))
+    slip = run.events.slip_1_a.values
+    for each in (outcome, *rows_of(record), slip):
+        assert each.size and each.tobytes() == np.full(each.shape, np.nan).tobytes()
+    assert np.signbit(record.events[2]).all(), "no row"

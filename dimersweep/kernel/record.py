@@ -47,7 +47,14 @@ def no_record() -> Record:
 
 def rows_of(record: Record) -> tuple[np.ndarray, np.ndarray]:
     """Return the events and segments that were written."""
-    return record.events[: record.counts[EVENT_ROWS]], record.segments[: record.counts[SEGMENT_ROWS]]
+    events, segments = record.events[: record.counts[EVENT_ROWS]], record.segments[: record.counts[SEGMENT_ROWS]]
+    return with_one_nan(events), with_one_nan(segments)
+
+
+def with_one_nan(numbers: np.ndarray) -> np.ndarray:
+    """Floats, in place, with the one nan for all that is no number: the sign of 0/0, which has none, is the processor's."""
+    numbers[np.isnan(numbers)] = np.nan
+    return numbers
 
 
 def was_full(record: Record) -> bool:

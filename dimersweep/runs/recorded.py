@@ -34,7 +34,15 @@ from dimersweep.kernel.model.layout import (
     State,
 )
 from dimersweep.kernel.model.plate import motion, motion_along
-from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES, Record, new_record, no_record, rows_of
+from dimersweep.kernel.record import (
+    SEGMENT_HOP_TIME,
+    SEGMENT_MODES,
+    Record,
+    new_record,
+    no_record,
+    rows_of,
+    with_one_nan,
+)
 from dimersweep.kernel.sample import HOPS_LAST, sample
 from dimersweep.symbols import EVENT_QUANTITIES, FORCES, START, STATE_QUANTITIES, Quantity
 
@@ -79,6 +87,9 @@ def times_of(periods: np.ndarray, phases: np.ndarray, f: float) -> np.ndarray:
 
 def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], dim: str) -> xr.Dataset:
     """Return columns of one length with their units and meanings, in the order of `quantities`."""
+    for numbers in columns.values():
+        if numbers.dtype == float:
+            with_one_nan(numbers)
     told = {name: column(dim, columns[name], said, EVENT_WORDS.get(name, ())) for name, said in quantities.items()}
     return xr.Dataset(told)
 
