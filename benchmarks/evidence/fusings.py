@@ -1,19 +1,21 @@
 """Whether the proof that each process begins with sees a product that is rounded where it must not be: ``fusings.py``.
 
 Each place of the kernel's sources at which a sum of products is rounded once (``kernel/compiler/fusing.py``) is changed on its
-own: there the product is rounded, and then the sum. The known scenes of ``work/proving.py`` must come out otherwise. Where
-they do not, ``--runs`` random runs of the whole model are made with the change, and how many of them differ is told.
+own: there the product is rounded, and then the sum. The known scenes and arguments of ``work/proving.py`` must come out
+otherwise. Where they do not, the change must change no bit of ``--runs`` random runs of the whole model, batch after batch.
+The first run that it changes is told: ``--choose`` makes it a known scene, and writes all that the proof is to know.
 
 One kernel is compiled in which a number in memory says which place is changed, so that this takes minutes and not hours.
-``--choose N`` looks for a set of scenes, out of N random ones, that together see all that any of them sees, at least time.
+``--search N`` looks for arguments of the elementary functions that see more, among N million, and makes those known.
 """
 
 import argparse
+import json
 import os
 import sys
 import tempfile
-from contextlib import suppress
-from time import perf_counter
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 os.environ["NUMBA_CACHE_DIR"] = tempfile.mkdtemp()  # what is compiled here is of no use to anybody else
@@ -33,7 +35,9 @@ CHOSEN = np.full(1, NOWHERE)  # the place that is changed
 PLACES: list[str] = []
 SEED = 55
 SHORT = 30  # periods of a random run
-MOST_TIME = 0.004  # of a scene that may be chosen [s]
+MOST_EVENTS = 300  # of a random run: longer ones, a few in a hundred, would take most of the time
+BATCH = 500  # random runs
+UNITS = 1 << 24  # of one, in which arguments are drawn
 
 
 def switched(place: int, a: Any, b: Any, c: Any) -> Any:
@@ -42,24 +46,15 @@ def switched(place: int, a: Any, b: Any, c: Any) -> Any:
 
 @type_callable(switched)
 def _type(_: Any) -> Any:
-    def kind(place: Any, a: Any, b: Any, c: Any) -> Any:
-        number = types.int64 if all(isinstance(each, types.Integer) for each in (a, b, c)) else types.float64
-        return number(types.int64, number, number, number)
-
-    return kind
+    return lambda place, a, b, c: types.float64(types.int64, types.float64, types.float64, types.float64)
 
 
 @lower_builtin(switched, types.int64, types.float64, types.float64, types.float64)
-def _of_floats(_: Any, builder: Any, signature: Any, given: Any) -> Any:
+def _code(_: Any, builder: Any, signature: Any, given: Any) -> Any:
     place, a, b, c = given
     address = ir.Constant(ir.IntType(64), CHOSEN.ctypes.data).inttoptr(ir.IntType(64).as_pointer())
     here = builder.icmp_signed("==", builder.load(address), place)
     return builder.select(here, builder.fadd(builder.fmul(a, b), c), builder.fma(a, b, c))
-
-
-@lower_builtin(switched, types.int64, types.int64, types.int64, types.int64)
-def _of_whole_numbers(_: Any, builder: Any, signature: Any, given: Any) -> Any:
-    return builder.add(builder.mul(given[1], given[2]), given[3])
 
 
 class Switching(fusing.Fusing):
@@ -91,157 +86,143 @@ from dimersweep.kernel.compiler import jit  # noqa: E402
 jit.fused = _noted
 
 from dimersweep.cubes.cube import blank  # noqa: E402
-from dimersweep.errors import ParameterError  # noqa: E402
 from dimersweep.kernel.batch import run_many  # noqa: E402
-from dimersweep.kernel.model.layout import CODE_MODE, MODES  # noqa: E402
+from dimersweep.kernel.model.layout import CODE_N_EVENTS  # noqa: E402
 from dimersweep.kernel.numerics.elementary import functions  # noqa: E402
 from dimersweep.parameters import Parameters  # noqa: E402
-from dimersweep.work.proving import ARGUMENTS, PROOF_PERIODS, PROOF_RTOL, SCENES, UNITS, bits_of, outcomes  # noqa: E402
-from tests.checks.random_scenes import rows_of  # noqa: E402
+from dimersweep.work import proving  # noqa: E402
+from tests.checks.random_scenes import parameters_of, rows_of  # noqa: E402
+
+KNOWN = Path(proving.__file__).with_name("known.json")
 
 
-def bits(rows: np.ndarray, periods: int, place: int = NOWHERE) -> np.ndarray:
-    """Return the outcomes of runs with a place changed, a row of bytes for each."""
+def results(rows: np.ndarray, periods: int, place: int = NOWHERE) -> np.ndarray:
+    """Return the bits that runs come to with a place changed, a row of whole numbers for each."""
     CHOSEN[0] = place
     out, codes = blank(len(rows))
-    run_many(rows, periods, PROOF_RTOL, True, out, codes)
+    run_many(rows, periods, proving.PROOF_RTOL, True, out, codes)
     CHOSEN[0] = NOWHERE
-    return np.hstack([out, codes.astype(float)]).view(np.uint64)
+    return np.hstack([out.view(np.int64), codes])
 
 
-def drawn(n: int) -> np.ndarray:
-    """Return rows of random scenes: a third each near the base case, of the whole model nearby, and of it far away."""
-    each = -(-n // 3)
-    blocks = range(0, 2 * (-(-each // 1000)), 2)
-    kinds = [("near", 0), ("whole", 0), ("whole", 1)]
-    parts = [np.vstack([rows_of(block + odd, 1000, SEED, kind) for block in blocks])[:each] for kind, odd in kinds]
-    return np.vstack(parts)[:n]
+def values(arguments: np.ndarray, place: int = NOWHERE) -> np.ndarray:
+    """Return the bits of the elementary functions with a place changed, a row of whole numbers for each argument."""
+    CHOSEN[0] = place
+    found = functions(arguments).view(np.int64)
+    CHOSEN[0] = NOWHERE
+    return found
 
 
-def plain_scenes(n: int) -> list[dict[str, float]]:
-    """Return random scenes that differ from the base case in few parameters, of two digits."""
-    rng = np.random.default_rng(SEED)
-    ranges = {
-        "e": (0.1, 1.0),
-        "Gamma": (0.5, 3.0),
-        "f": (10.0, 60.0),
-        "A_r": (2.0, 8.0),
-        "mu": (0.0, 0.8),
-        "beta0": (0.0, 1.3),
-        "xdot0": (0.0, 3.0),
-        "eta": (1.0, 2.0),
-        "tilt": (0.0, 0.3),
-        "Gamma_2": (0.0, 2.0),
-        "Gamma_x": (0.0, 0.5),
-        "gammadot0": (-50.0, 50.0),
-        "thetadot0": (-9.0, 9.0),
-        "betadot0": (-9.0, 9.0),
-        "ydot0": (-1.0, 1.0),
-        "r_2": (0.003, 0.008),
-        "e_2": (0.0, 1.0),
-        "mu_2": (0.0, 0.8),
-        "mu_s": (0.2, 1.0),
-        "k_ratio": (0.5, 2.0),
-    }
-    made: list[dict[str, float]] = []
-    while len(made) < n:
-        names = rng.choice(list(ranges), rng.integers(2, 8), replace=False)
-        scene = {str(name): float(f"{rng.uniform(*ranges[name]):.2g}") for name in names}
-        with suppress(ParameterError):
-            Parameters(**scene)
-            made.append(scene)
-    return made
+def differ(of: Any, given: np.ndarray, place: int, *settings: int) -> np.ndarray:
+    """Return which of the `results` or `values` of what is given are changed by a place."""
+    return (of(given, *settings, place) != of(given, *settings)).any(axis=1)
 
 
-def seen(rows: np.ndarray, periods: int, places: list[int]) -> np.ndarray:
-    """Return which rows come out otherwise with each place changed, shape (places, rows)."""
-    usual = bits(rows, periods)
-    return np.array([(bits(rows, periods, place) != usual).any(axis=1) for place in places])
+def drawn() -> Iterator[np.ndarray]:
+    """Yield batches of random runs: a third each near the base case, of the whole model nearby, and of it far away."""
+    rng, block = np.random.default_rng(SEED), 0
+    while True:
+        kinds = ((block, "near"), (block, "whole"), (block + 1, "whole"))
+        rows = rng.permutation(np.vstack([rows_of(number, 1000, SEED, kind) for number, kind in kinds]))
+        out, codes = blank(len(rows))
+        run_many(rows, SHORT, proving.PROOF_RTOL, True, out, codes)
+        rows, block = rows[codes[:, CODE_N_EVENTS] < MOST_EVENTS], block + 2
+        for first in range(0, len(rows) - BATCH + 1, BATCH):
+            yield rows[first : first + BATCH]
 
 
-def choose(n: int, places: list[int]) -> None:
-    """Print a set of scenes that together see all that any of `n` sees."""
-    scenes = plain_scenes(n)
-    rows = np.array([Parameters(**scene).row() for scene in scenes])
-    cheap = []
-    for k, row in enumerate(rows):
-        begun = perf_counter()
-        bits(row[None], PROOF_PERIODS)
-        if perf_counter() - begun < MOST_TIME:
-            cheap.append(k)
-    table = seen(rows[cheap], PROOF_PERIODS, places)
-    left = table.any(axis=1)
-    print(f"{left.sum()} of {len(places)} places are seen by {len(cheap)} scenes of at most {MOST_TIME} s", flush=True)
-    for k in np.flatnonzero(~left):
-        print("  unseen:", PLACES[places[k]])
-    while left.any():
-        gain = table[left].sum(axis=0)
-        k = int(np.argmax(gain))
-        left &= ~table[:, k]
-        print(f"{gain[k]} more: {scenes[cheap[k]]}", flush=True)
+def open_places(known: dict[str, Any], places: list[int]) -> list[int]:
+    """Return those of some places that neither the known scenes nor the known arguments see."""
+    rows = np.array([Parameters(**scene["parameters"]).row() for scene in known["scenes"]])
+    seen = (
+        differ(results, rows, k, proving.PROOF_PERIODS).any() or differ(values, np.array(known["arguments"]), k).any()
+        for k in places
+    )
+    return [k for k, each in zip(places, seen, strict=True) if not each]
 
 
-def search(n: int, places: list[int]) -> None:
-    """Print numbers at which elementary functions come out otherwise, out of `n` million random ones."""
-    rng, left, length = np.random.default_rng(SEED), list(places), 1_000_000
-    for turn in range(n):
-        if not left:
-            break
-        k = rng.integers(-9 * UNITS, 9 * UNITS, length) // (20 if turn % 2 else 1)
-        usual = functions(k / UNITS).view(np.uint64)
-        for place in list(left):
-            CHOSEN[0] = place
-            changed = np.flatnonzero((functions(k / UNITS).view(np.uint64) != usual).any(axis=1))
-            CHOSEN[0] = NOWHERE
-            if changed.size:
-                print(f"{k[changed[0]]},  # {changed.size} of {turn + 1} million: {PLACES[place]}", flush=True)
-                left.remove(place)
-    for place in left:
-        print("  none:", PLACES[place])
+def try_runs(known: dict[str, Any], places: list[int], runs: int, choose: bool) -> list[int]:
+    """Tell how random runs answer to a change of each of some places, and return those that change one.
+
+    If it is wanted, one of the runs that do becomes a known scene.
+    """
+    left, changing, batches = list(places), [], drawn()
+    for n in range(0, runs, BATCH):
+        rows = next(batches)
+        usual = results(rows, SHORT)
+        for k in list(left):
+            other = np.flatnonzero((results(rows, SHORT, k) != usual).any(axis=1))
+            if not other.size:
+                continue
+            left.remove(k)
+            lasting = [
+                row for row in rows[other] if choose and differ(results, row[None], k, proving.PROOF_PERIODS).any()
+            ]
+            if lasting:
+                known["scenes"].append({"parameters": parameters_of(lasting[0]), "bits": ""})
+                left = open_places({**known, "scenes": known["scenes"][-1:]}, left)
+            else:
+                changing.append(k)
+            print(f"  {PLACES[k]}: changes a run, one of the first {n + BATCH}", flush=True)
+    for k in left:
+        print(f"  {PLACES[k]}: no bit of {runs} random runs", flush=True)
+    return changing
+
+
+def search(known: dict[str, Any], places: list[int], millions: int) -> None:
+    """Add numbers to the known arguments at which elementary functions come out otherwise, as long as there are any."""
+    rng, left = np.random.default_rng(SEED), list(places)
+    for turn in range(millions):
+        some = rng.integers(-9 * UNITS, 9 * UNITS, 1_000_000) // (20 if turn % 2 else 1) / UNITS
+        for k in list(left):
+            other = np.flatnonzero(differ(values, some, k))
+            if other.size:
+                known["arguments"].append(float(some[other[0]]))
+                left.remove(k)
+                print(f"  {PLACES[k]}: seen at {some[other[0]]}", flush=True)
+
+
+def write(known: dict[str, Any]) -> None:
+    """Write down what the proof is to know, with the bits that come out now."""
+    rows = np.array([Parameters(**scene["parameters"]).row() for scene in known["scenes"]])
+    out, codes = blank(len(rows))
+    run_many(rows, proving.PROOF_PERIODS, proving.PROOF_RTOL, True, out, codes)
+    for scene, *found in zip(known["scenes"], out, codes, strict=True):
+        scene["bits"] = proving.bits_of(*found)
+    known["functions"] = proving.bits_of(functions(known["arguments"]))
+    parts = [",\n    ".join(map(json.dumps, known[name])) for name in ("scenes", "arguments")]
+    KNOWN.write_text(
+        '{{\n  "scenes": [\n    {}\n  ],\n  "arguments": [\n    {}\n  ],\n  "functions": {}\n}}\n'.format(
+            *parts, json.dumps(known["functions"])
+        )
+    )
 
 
 def main() -> None:
     """Change each place, and tell which of them nothing sees."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--runs", type=int, default=10_000)
-    parser.add_argument("--choose", type=int, default=0, metavar="N")
-    parser.add_argument(
-        "--bits", action="store_true", help="print the bits that the proof is to know, of these sources"
-    )
+    parser.add_argument("--choose", action="store_true", help="make runs that a change changes known scenes")
     parser.add_argument("--search", type=int, default=0, metavar="MILLIONS")
+    parser.add_argument("--bits", action="store_true", help="write the bits of what is known anew, of these sources")
     given = parser.parse_args()
-    rows = np.array([Parameters(**scene.parameters).row() for scene in SCENES])
-    bits(rows, 1)  # which compiles
+    known = json.loads(KNOWN.read_text())
+    results(Parameters().row()[None], 1)  # which compiles
     functions(np.ones(1))
     places = list(range(len(PLACES)))
-    elementary = [
-        k for k in places if PLACES[k].startswith("numerics.elementary") or PLACES[k].startswith("numerics.sincos")
-    ]
-    if given.choose or given.search:
-        choose(given.choose, [k for k in places if k not in elementary])
-        search(given.search, elementary)
-        return
-    if given.bits:
-        for scene, *found in zip(SCENES, *outcomes(), strict=True):
-            print(
-                f"    Scene({scene.parameters}, {MODES[found[1][CODE_MODE]]!r}, {bits_of(*found)!r}),".replace("'", '"')
-            )
-        print(f'FUNCTION_BITS = "{bits_of(functions(np.array(ARGUMENTS) / UNITS))}"')
-        return
-    usual = functions(np.array(ARGUMENTS) / UNITS)
-    known = seen(rows, PROOF_PERIODS, places).any(axis=1)
-    for place in elementary:
-        CHOSEN[0] = place
-        known[place] |= bits_of(functions(np.array(ARGUMENTS) / UNITS)) != bits_of(usual)
-        CHOSEN[0] = NOWHERE
-    print(f"{len(places)} places, {known.sum()} of them seen by the proof", flush=True)
-    others, failed = [k for k in places if not known[k]], 0
-    many = drawn(given.runs)
-    for k in others:
-        changed = int(seen(many, SHORT, [k]).sum())
-        failed += changed > 0
-        print(f"  {PLACES[k]}: {changed} of {given.runs} random runs differ", flush=True)
-    sys.exit(failed > 0)
+    elementary = [k for k in places if PLACES[k].startswith(("numerics.elementary", "numerics.sincos"))]
+    if given.search:
+        search(known, open_places(known, elementary), given.search)
+    left = open_places(known, places)
+    print(
+        f"{len(places)} places, {len(places) - len(left)} of them seen by the proof; of a change at the others:",
+        flush=True,
+    )
+    changing = [] if given.bits else try_runs(known, left, given.runs, given.choose)
+    if given.bits or given.choose or given.search:
+        write(known)
+        print(f"{len(places) - len(open_places(known, places))} of {len(places)} are seen by what is written down")
+    sys.exit(bool(changing))
 
 
 if __name__ == "__main__":
