@@ -7,6 +7,10 @@ of the arithmetic, ``tests/data/results.txt``.
 ``--write FILE`` keeps all that this machine gives, and ``--compare FILE ...`` compares files of several machines. Please send
 a file of a machine that the page of limits does not name.
 
+``--relay PYTHON`` has a sweep begun by another interpreter, such as one with another Numba, stopped there as by Ctrl-C after
+a third of its points, gone on with here, stopped, and ended here, or in the ``--root``: the cube must be that of one that was
+never stopped.
+
 ``--root FOLDER`` does both for a system for arm64 in a folder, which is emulated. On Debian, as root, in half an hour:
 
     apt-get install qemu-user-static debootstrap
@@ -21,10 +25,14 @@ a file of a machine that the page of limits does not name.
 
 import argparse
 import hashlib
+import os
 import platform
 import shutil
+import signal
 import subprocess
 import sys
+import tempfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -37,6 +45,7 @@ SCENES, SCENE_PERIODS = 200, 40
 RECORDED, STATES = 30, 100  # runs, and times of each
 MAPS = 60
 RTOL = 1e-8
+THIRD = 110  # points of 330
 
 Lines = dict[str, str]
 
@@ -161,8 +170,60 @@ def compare(one: Lines, other: Lines) -> Iterator[str]:
         yield f"{kind}s: {same[0]} of {len(names)} the same bits, {same[1]} the same codes, {same[2]} the same scenes"
 
 
-def emulated(folder: Path, file: Path) -> None:
-    """Write the results of a system for arm64 in a folder."""
+def leg(file: Path, points: int) -> None:
+    """Make a sweep, or go on with it, and stop it as Ctrl-C does when so many points more are there; 0: to its end."""
+    from dimersweep import sweep
+    from dimersweep.runs import solving
+    from tests.sweeper import GRID, SETTINGS
+
+    run_many, done = solving.run_many, 0
+
+    def counting(rows: np.ndarray, *rest: object, **how: object) -> int:
+        nonlocal done
+        made = run_many(rows, *rest, **how)
+        time.sleep(0.02 * made)  # so that tasks are short
+        done += made
+        if points and done >= points:
+            os.kill(os.getpid(), signal.SIGINT)
+        return made
+
+    solving.run_many = counting
+    print(f"  {machine()}: ", end="", flush=True)
+    try:
+        cube = sweep(GRID, **SETTINGS, out=file, workers=1, progress=False)
+    except KeyboardInterrupt:
+        print(f"stopped after {done} points", flush=True)
+        return
+    values = b"".join(str(name).encode() + cube[name].values.tobytes() for name in sorted(cube.variables))
+    print(f"{done} points, and the cube is there: {hashlib.sha256(values).hexdigest()[:16]}", flush=True)
+
+
+def last_word(command: list[str], file: Path, points: int) -> str:
+    """Return the last word of what a `leg` in a process of its own prints, which is printed here as well."""
+    done = subprocess.run([*command, "--leg", str(file), str(points)], check=True, stdout=subprocess.PIPE, text=True)
+    print(done.stdout, end="", flush=True)
+    return done.stdout.split()[-1]
+
+
+def relay(python: str, root: Path | None) -> bool:
+    """Return whether a sweep that machines have made by turns is that of one that was never stopped."""
+    here = [sys.executable, __file__]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "relay.nc")
+        alone = last_word(here, Path(folder, "alone.nc"), 0)
+        last_word([python, __file__], file, THIRD)
+        last_word(here, file, THIRD)
+        if root:
+            for each in file.parent.glob("relay.nc*"):
+                shutil.copy(each, root / "tmp")
+            here, file = emulation(root), Path("/tmp/relay.nc")
+        same = last_word(here, file, 0) == alone
+    print("the same cube" if same else "another cube")
+    return same
+
+
+def emulation(folder: Path) -> list[str]:
+    """Return the command that calls this program in a system for arm64 in a folder, to which the sources are copied."""
     inside = folder / "opt" / "dimersweep"
     shutil.rmtree(inside, ignore_errors=True)
     shutil.copytree(ROOT, inside, ignore=shutil.ignore_patterns(".*", "__pycache__"))
@@ -172,8 +233,12 @@ def emulated(folder: Path, file: Path) -> None:
         *(word for each in variables for word in ("-E", each)),
         "/usr/bin/python3",
     ]
-    program = f"/opt/dimersweep/{Path(__file__).resolve().relative_to(ROOT)}"
-    subprocess.run(["chroot", str(folder), *python, program, "--write", "/tmp/results.txt"], check=True)
+    return ["chroot", str(folder), *python, f"/opt/dimersweep/{Path(__file__).resolve().relative_to(ROOT)}"]
+
+
+def emulated(folder: Path, file: Path) -> None:
+    """Write the results of a system for arm64 in a folder."""
+    subprocess.run([*emulation(folder), "--write", "/tmp/results.txt"], check=True)
     shutil.copy(folder / "tmp" / "results.txt", file)
 
 
@@ -183,9 +248,16 @@ def main() -> None:
     parser.add_argument("--write", type=Path, metavar="FILE")
     parser.add_argument("--compare", type=Path, nargs="+", default=[], metavar="FILE")
     parser.add_argument("--root", type=Path, metavar="FOLDER")
+    parser.add_argument("--relay", metavar="PYTHON")
+    parser.add_argument("--leg", nargs=2, help=argparse.SUPPRESS)
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     given = parser.parse_args()
     sys.path[:0] = [str(ROOT)]
+    if given.leg:
+        leg(Path(given.leg[0]), int(given.leg[1]))
+        return
+    if given.relay:
+        sys.exit(not relay(given.relay, given.root))
     found = [read(file) for file in given.compare]
     if given.root:
         file = given.root / "tmp" / "of_arm64.txt"
