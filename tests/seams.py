@@ -6,6 +6,7 @@ and the clock of their tasks, the chunks of cubes above memory, the version of t
 
 import sys
 from functools import partial
+from threading import Event
 from time import sleep
 
 import numpy as np
@@ -26,8 +27,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.kernel.record import EVENT_ROWS, SEGMENT_ROWS
 from dimersweep.runs import solving
-from dimersweep.work import progress
-from dimersweep.work.proving import proof
+from dimersweep.work import progress, proving
 from dimersweep.work.scheduling import IN_FLIGHT
 from dimersweep.work.tiles import TILE_SECONDS
 
@@ -108,8 +108,13 @@ def begin_when_stopped(patch):
 
 def prove_with(patch, run_many):
     """Let processes begin with another kernel, which is proven anew."""
-    patch.setattr("dimersweep.work.proving.run_many", run_many)
-    proof.cache_clear()
+    patch.setattr(proving, "run_many", run_many)
+    prove_anew(patch)
+
+
+def prove_anew(patch):
+    """Have the kernel not proven yet in this process."""
+    patch.setattr(proving, "PROVEN", Event())
 
 
 def set_clock(patch, clock):

@@ -183,10 +183,10 @@ def untouched(tmp_path_factory):
 
 
 def twice(copy, first="pass", **environment):
-    """Value of the small program, and the folder of its code, in a process of its own."""
+    """Value of the small program, and the file of its code, in a process of its own."""
     program = (
         f"{first}; from dimersweep.kernel.room.above import twice; from {ways.__name__} import cache, versions, way; "
-        "print(twice(), cache.code_folders(versions.code_version(way()))[0])"
+        "print(twice(), cache.files(versions.code_version(way()))[0])"
     )
     value, place = run_python(program, copy, **environment).split()
     return int(value), Path(place)
@@ -215,18 +215,17 @@ def test_who_changes_the_physics_is_warned_and_goes_on(copy):
 @pytest.mark.parametrize("first", ["import numba", "pass"], ids=["numba imported before", "numba imported after"])
 def test_an_edit_in_an_imported_module_is_seen(tmp_path, copy, first):
     places = {"XDG_CACHE_HOME": str(tmp_path / "cache"), "NUMBA_CACHE_DIR": None}
-    value, folder = twice(copy, first, **places)
+    value, code = twice(copy, first, **places)
     assert value == 2
-    assert folder.parent == tmp_path / "cache" / "dimersweep"
-    (code,) = folder.glob("twice-*")
-    made = code.stat().st_mtime_ns
-    assert twice(copy, first, **places) == (2, folder)
-    assert code.stat().st_mtime_ns == made, "compiled again"
+    assert [code] == list((tmp_path / "cache" / "dimersweep").glob("*-twice-*"))
+    made = code.stat().st_ino
+    assert twice(copy, first, **places) == (2, code)
+    assert code.stat().st_ino == made, "compiled again"
     below = copy / "dimersweep" / "kernel" / "room" / "below.py"
     below.write_text(below.read_text().replace("return 1", "return 21"))
     value, other = twice(copy, first, **places)
     assert value == 42
-    assert other != folder
+    assert other != code
     assert not list(copy.rglob("*.nb?"))
 
 
@@ -277,28 +276,54 @@ def test_old_folders_of_a_user_stay(tmp_path, copy, variable, value):
     assert missing == []
 
 
-def test_folders_of_ours_that_are_unused_for_a_month_go(tmp_path):
-    old = time.time() - 40 * 86400
+@pytest.fixture
+def places(tmp_path, monkeypatch):
+    """The place that a user has chosen, and a temporary folder; none can be written yet."""
+    names = {"NUMBA_CACHE_DIR": tmp_path / "chosen", "TMPDIR": tmp_path / "tmp"}
+    for name, path in names.items():
+        path.touch()  # a file in the place of a folder
+        monkeypatch.setenv(name, str(path))
+    return names
 
-    def ours(name, used, *files):
-        (tmp_path / name).mkdir()
-        for file in (cache.MARK, "run_rows-0.code", *files):
-            (tmp_path / name / file).touch()
-        os.utime(tmp_path / name / cache.MARK, (used, used))
 
-    ours("0000000000000000", old)
-    ours("1111111111111111", time.time() - 3 * 86400)
-    ours("2222222222222222", old, "run_rows-0.1234.tmp")
-    ours("3333333333333333", old, "notes.txt")  # a user's file in it
-    ours("results", old)  # a name that none of ours has
-    ours("ffffffffffffffff", old)
-    (tmp_path / "4444444444444444").mkdir()  # no mark
-    os.utime(tmp_path / "4444444444444444", (old, old))
-    (tmp_path / "5555555555555555").symlink_to(tmp_path / "results")
-    cache.prune(tmp_path, keep="0000000000000000")
-    assert sorted(path.name[0] for path in tmp_path.iterdir()) == list("01345r")
-    assert (tmp_path / "3333333333333333" / "run_rows-0.code").exists()
-    assert (tmp_path / "results" / "run_rows-0.code").exists()
+def allow(path):
+    path.unlink()
+    path.mkdir()
+    return path
+
+
+def test_files_of_ours_that_are_unused_for_a_month_go(tmp_path):
+    now, old = time.time(), time.time() - 40 * 86400
+    stay = {
+        f"{VERSION}-used-0.code": now - 3 * 86400,
+        f"{VERSION}-used-0.notes.txt": old,
+        "results.code": old,  # names that none of ours has
+        "results-2024.code": old,
+        "0123456789ABCDEF-twice-0.code": old,
+        "notes.tmp": old,
+        "compiling.lock": old,
+    }
+    go = {f"{VERSION}-twice-0.code": old, f"{VERSION}-twice-0.12ab.tmp": old, f"{'f' * 16}-warm.code": old}
+    for name, used in (stay | go).items():
+        (tmp_path / name).touch()
+        os.utime(tmp_path / name, (used, used))
+    plant(tmp_path, f"{VERSION}-folder.code")
+    (tmp_path / f"{VERSION}-link.code").symlink_to(tmp_path / "results.code")
+    os.utime(tmp_path / f"{VERSION}-link.code", (old, old), follow_symlinks=False)
+    cache.prune(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {*stay, f"{VERSION}-folder.code"}
+    assert (tmp_path / f"{VERSION}-folder.code" / "notes.txt").exists()
+
+
+def test_what_is_used_stays(places):
+    allow(places["NUMBA_CACHE_DIR"])
+    for name in ("used", "other"):
+        cache.save(VERSION, name, b"code")
+    for file in cache.files(VERSION):
+        os.utime(file, (0.0, 0.0))
+    assert cache.load(VERSION, "used") == b"code"
+    cache.prune(file.parent)
+    assert [file.name for file in cache.files(VERSION)] == [f"{VERSION}-used.code"]
 
 
 @pytest.mark.jit
@@ -327,30 +352,14 @@ def test_a_chosen_folder_is_the_base_and_a_child_process_shares_it(tmp_path, mon
     assert not ways.is_compiled()
 
 
-@pytest.fixture
-def places(tmp_path, monkeypatch):
-    """The place that a user has chosen, and a temporary folder; none can be written yet."""
-    names = {"NUMBA_CACHE_DIR": tmp_path / "chosen", "TMPDIR": tmp_path / "tmp"}
-    for name, path in names.items():
-        path.touch()  # a file in the place of a folder
-        monkeypatch.setenv(name, str(path))
-    return names
-
-
-def allow(path):
-    path.unlink()
-    path.mkdir()
-    return path
-
-
 @pytest.mark.jit
 def test_code_goes_to_a_keyed_temporary_folder_where_no_other_can_be_written(copy, places):
     scratch = allow(places["TMPDIR"]) / f"dimersweep-{os.getuid()}"
     assert twice(copy)[0] == 2
-    (code,) = scratch.glob("*/twice-*")
-    made = code.stat().st_mtime_ns
+    (code,) = scratch.glob("*-twice-*")
+    made = code.stat().st_ino
     assert twice(copy)[0] == 2
-    assert code.stat().st_mtime_ns == made, "compiled again"
+    assert code.stat().st_ino == made, "compiled again"
     below = copy / "dimersweep" / "kernel" / "room" / "below.py"
     below.write_text(below.read_text().replace("return 1", "return 21"))
     assert twice(copy)[0] == 42
@@ -370,10 +379,14 @@ def test_code_is_not_kept_where_nothing_can_be_written(copy, places):
     assert not list(copy.rglob("*.nb?")) and not list(copy.rglob("*.code"))
 
 
-def test_code_is_read_from_a_folder_that_others_have_filled(places):
-    base = allow(places["NUMBA_CACHE_DIR"]) / "dimersweep"
+def refused(*_):
+    raise PermissionError("a file of another user")
+
+
+def test_code_is_read_from_a_folder_that_others_have_filled(places, monkeypatch):
+    allow(places["NUMBA_CACHE_DIR"])
     cache.save(VERSION, "name", b"code")
-    (base / VERSION / cache.MARK).unlink()  # so that the use cannot be noted
+    monkeypatch.setattr(os, "utime", refused)
     assert cache.load(VERSION, "name") == b"code"
 
 
@@ -381,13 +394,13 @@ def test_code_is_read_from_a_folder_that_others_have_filled(places):
 def test_code_from_a_temporary_folder_of_others_is_not_run(tmp_path, places, fault):
     scratch = allow(places["TMPDIR"]) / f"dimersweep-{os.getuid()}"
     cache.save(VERSION, "name", b"code")
-    assert cache.load(VERSION, "name") == b"code" and cache.holds(VERSION)
+    assert cache.load(VERSION, "name") == b"code" and len(cache.files(VERSION)) == 1
     if fault == "a link":
         scratch.rename(tmp_path / "elsewhere")
         scratch.symlink_to(tmp_path / "elsewhere")
     else:
         scratch.chmod(0o777)
-    assert cache.load(VERSION, "name") is None and not cache.holds(VERSION)
+    assert cache.load(VERSION, "name") is None and not cache.files(VERSION)
     with pytest.warns(RuntimeWarning, match=r"^compiled code cannot be kept in .*, so every process compiles;"):
         cache.save(VERSION, "other", b"code")
 
@@ -423,8 +436,7 @@ def test_damaged_code_is_not_read(places):
     code = bytes(range(256)) * 20
     cache.save(VERSION, "name", code)
     cache.save(VERSION, "other", b"code of another function")
-    (path,) = cache.code_folders(VERSION)[0].glob("name.*")
-    (other,) = cache.code_folders(VERSION)[0].glob("other.*")
+    (path,), (other,) = cache.files(VERSION, "name"), cache.files(VERSION, "other")
     content = path.read_bytes()
     rng = np.random.default_rng(1)
     damaged = [
@@ -444,7 +456,7 @@ def test_damaged_code_is_not_read(places):
 def test_damaged_code_is_made_again(tmp_path, copy):
     environment = {"NUMBA_CACHE_DIR": str(tmp_path)}
     twice(copy, **environment)
-    (path,) = tmp_path.glob("dimersweep/*/twice-*")
+    (path,) = tmp_path.glob("dimersweep/*-twice-*")
     content = path.read_bytes()
     for damaged in (content[:-100], flipped(content, len(content) // 2, 3), b""):
         path.write_bytes(damaged)

@@ -255,7 +255,7 @@ def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path, mon
             raise EOFError("Ran out of input")
 
         there.ours, there.run_many = there.run_many, cannot_load
-        there.proof.cache_clear()
+        there.PROVEN.clear()
 
     def mend():
         import dimersweep.work.proving as there

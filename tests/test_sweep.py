@@ -31,10 +31,10 @@ from dimersweep.studies.search import search
 from dimersweep.studies.sweep import study_of
 from dimersweep.work import proving
 from dimersweep.work.progress import Tally, in_lines, notebook_bar
-from dimersweep.work.proving import SCENES, bits_of, outcomes, proof
+from dimersweep.work.proving import SCENES, bits_of, outcomes
 from dimersweep.work.scheduling import TASK_POINTS, Pace
 from tests.fakes import failing, fake_run_many, raising, run_tile
-from tests.seams import no_work, prove_with, set_pace, use_kernel
+from tests.seams import no_work, prove_anew, prove_with, set_pace, use_kernel
 
 ROOT = Path(__file__).parents[1]
 GRID = {"f": [15, 20, 25], "beta0": {"start": 1, "stop": 89, "step": 1, "unit": "deg"}}
@@ -208,8 +208,11 @@ def test_many_threads_prove_the_kernel_once(monkeypatch):
     ("kernel", "told"),
     [
         (cannot_load, "kernel: cannot run here (EOFError: Ran out of input)"),
-        (all_nan, f"kernel: gives other digits for the base case (radius nan) on {MACHINE}; {REFUSED}"),
-        (lambda *arguments: None, f"kernel: gives not_run in place of drift for the base case on {MACHINE}; {REFUSED}"),
+        (all_nan, f"kernel: gives other digits for the base case (radius nan, drift) on {MACHINE}; {REFUSED}"),
+        (
+            lambda *arguments: None,
+            f"kernel: gives other digits for the base case (radius nan, not_run) on {MACHINE}; {REFUSED}",
+        ),
     ],
 )
 def test_a_kernel_that_does_not_work_ends_the_sweep_before_any_point(monkeypatch, tmp_path, kernel, told):
@@ -398,17 +401,18 @@ def test_a_process_without_a_notebook_has_no_bar(monkeypatch):
 # --- the known scenes with which a process begins -----------------------------------------------------------------------
 
 
-def test_the_known_scenes_warn_of_nothing():
+def test_the_known_scenes_warn_of_nothing(monkeypatch):
     """A change of any number of theirs by more than 1e-4 of itself, also on purpose, has to be written there."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        proof.__wrapped__()
+        prove_anew(monkeypatch)
+        proving.prove()
 
 
 def test_each_bit_of_a_known_scene_is_compared(monkeypatch):
     out, codes = outcomes()
     for scene, numbers, code in zip(SCENES, out, codes, strict=True):
-        assert (MODES[code[CODES.index("mode")]], bits_of(numbers, code)) == (scene.mode, scene.bits)
+        assert bits_of(numbers, code) == scene["bits"]
     run_many = proving.run_many
 
     def other(rows, periods, rtol, settle, out, codes):
@@ -416,7 +420,9 @@ def test_each_bit_of_a_known_scene_is_compared(monkeypatch):
         out[3, OUT.index("zeta")] = np.nextafter(out[3, OUT.index("zeta")], 9.0)
 
     prove_with(monkeypatch, other)
-    told = r"^kernel: gives other digits for e_2 = 0.76, mu = 0.29 \(radius [0-9.]+\) on .*with python .*, numba .*, llvmlite "
+    told = (
+        r"^kernel: gives other digits for e_2 = 0.76, mu = 0.29 \(radius [0-9.]+, drift\) on .*with python .*, numba "
+    )
     with pytest.raises(KernelError, match=told):
         quiet_sweep()
 
@@ -424,6 +430,6 @@ def test_each_bit_of_a_known_scene_is_compared(monkeypatch):
 def test_elementary_functions_are_compared(monkeypatch):
     functions = proving.functions
     monkeypatch.setattr(proving, "functions", lambda x: np.nextafter(functions(x), 9.0))
-    proof.cache_clear()
+    prove_anew(monkeypatch)
     with pytest.raises(KernelError, match=r"^kernel: gives other last digits of elementary functions on "):
         quiet_sweep()

@@ -545,9 +545,9 @@ def with_kernel(scene: Scene, module: str, kernel: Callable[..., int]) -> str | 
     """Run the sweep with another kernel; it must not come through."""
 
     def before() -> None:
-        from dimersweep.work.proving import proof
+        from dimersweep.work.proving import PROVEN
 
-        proof.cache_clear()
+        PROVEN.clear()
         import_module(f"dimersweep.{module}").run_many = kernel
 
     code = scene.run(before=before)

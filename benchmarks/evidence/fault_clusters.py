@@ -190,7 +190,7 @@ def _(scene: Scene) -> str | None:
     def damage() -> None:
         from dimersweep.work import proving
 
-        proving.proof.cache_clear()
+        proving.PROVEN.clear()
         proving.run_many = raising
 
     return refused(scene, damage, "cannot run here (EOFError")

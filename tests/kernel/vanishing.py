@@ -47,7 +47,7 @@ FAILING = (  # what is made to raise while a kernel is compiled
     "linking.KernelCompiler.define_pipelines",
     "linking.PartCompiler.compile_extra",
     "linking._Part._optimize_functions",
-    "linking._Part.alone",
+    "linking._Kernel._optimize_final_module",
     "linking._Kernel.finalize",
 )
 
@@ -87,10 +87,7 @@ def outcome(hidden=None, failing=None, wrong=False):
                 map(refusal, (tiny.wrong, tiny.simple, tiny.root, tiny.leaf), ([4.0], ["x"], [], [4.0]))
             )
         found["values"] += [tiny.root(np.array([4.0, 0.0])), tiny.simple(9.0)]
-    code = {
-        file.name: file.stat().st_mtime_ns
-        for file in cache.code_folders(versions.code_version(ways.way()))[0].glob("[rs]*.code")
-    }
+    code = {file.name: file.stat().st_ino for file in cache.files(versions.code_version(ways.way()), "[rs]*")}
     lines = [str(each.message) for each in told if each.category is RuntimeWarning]
     return found | {"way": ways.way(), "after": versions.code_version(ways.way()), "told": lines, "code": code}
 

@@ -1,6 +1,6 @@
-"""Compiled code, kept in folders of our own, each named by the sources and the compiler that its code is made of.
+"""Compiled code, kept in files that are named by the sources and the compiler that it is made of.
 
-Numba's own cache misses edits in imported modules, and its settings belong to the whole process. Only what bears our mark is
+Numba's own cache misses edits in imported modules, and its settings belong to the whole process. Only files of ours are
 ever deleted. A Numba that has changed inside costs the cache, and nothing else: then every process compiles.
 """
 
@@ -22,11 +22,10 @@ from typing import Any
 
 from dimersweep.kernel.compiler.versions import sources_digest, take_digests
 
-KEPT_SECONDS = 30 * 86400.0  # folders of other versions go when unused for this long
-MARK = "made-by-dimersweep"  # the file by which a folder of ours is known, touched at each use
+KEPT_SECONDS = 30 * 86400.0  # code that is unused for this long goes
 SUFFIX = ".code"
 DIGEST_BYTES = 32  # a checksum of name and code is written before the code: damaged code could end the process
-_KEY = re.compile("[0-9a-f]{16}")
+_OURS = re.compile(r"[0-9a-f]{16}-.+\.(code|tmp)")  # names of files of ours
 _folder_digest = functools.cache(sources_digest)
 # whether a function that Python calls is being compiled, and whether one has been compiled or loaded
 under_way, ready = threading.Event(), threading.Event()
@@ -34,7 +33,7 @@ take_digests()  # before the modules are imported that hold the functions
 
 
 def base_folders() -> list[Path]:
-    """The folders of all versions, in the order in which they are tried.
+    """The folders in which code is kept, in the order in which they are tried.
 
     Below NUMBA_CACHE_DIR if that is set, else below the user's cache folder; where that cannot be written, in the temporary
     folder, by the user's number, if nobody else can write there.
@@ -50,43 +49,37 @@ def _is_trusted(base: Path) -> bool:
     """Whether what is found in one of the `base_folders` was put there by whom the user trusts: code is run from it."""
     if not base.name.startswith("dimersweep-"):
         return True
-    try:
+    with suppress(OSError):
         found = base.lstat()
-    except OSError:
-        return False
-    return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
+        return stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o022
+    return False
 
 
-def code_folders(version: str) -> list[Path]:
-    """The folders of a version that can be trusted, in the order in which they are tried; they may not exist."""
-    return [base / version for base in base_folders() if _is_trusted(base)]
-
-
-def holds(version: str) -> bool:
-    """Whether there is code of this version."""
-    return any(any(folder.glob("*" + SUFFIX)) for folder in code_folders(version))
+def files(version: str, name: str = "*") -> list[Path]:
+    """The files with code of this version, by one name or all, that can be trusted; the first one counts."""
+    return [file for base in base_folders() if _is_trusted(base) for file in base.glob(f"{version}-{name}{SUFFIX}")]
 
 
 def load(version: str, name: str) -> bytes | None:
-    """The code that was saved by that name, if it is there and undamaged; its folder is marked as used now."""
-    for folder in code_folders(version):
+    """The code that was saved by that name, if it is there and undamaged; it is marked as used now."""
+    for file in files(version, name):
         with suppress(OSError):
-            content = (folder / (name + SUFFIX)).read_bytes()
+            content = file.read_bytes()
             code = content[DIGEST_BYTES:]
-            if content[:DIGEST_BYTES] != _checksum(name, code):
+            if content[:DIGEST_BYTES] != _checksum(file, code):
                 continue  # it will be compiled and saved again
-            with suppress(OSError):  # a folder that others have filled
-                os.utime(folder / MARK)
+            with suppress(OSError):  # a file of others
+                os.utime(file)
             return code
     return None
 
 
-def _checksum(name: str, code: bytes) -> bytes:
-    return hashlib.sha256(name.encode() + b"\0" + code).digest()
+def _checksum(file: Path, code: bytes) -> bytes:
+    return hashlib.sha256(file.name.encode() + b"\0" + code).digest()
 
 
 def save(version: str, name: str, code: bytes) -> None:
-    """Keep `code` by that name, and delete what has not been used for long.
+    """Keep `code` by that name, at once, whoever else does the same, and delete what has not been used for long.
 
     Where no folder can be written, one line says so, and the next process compiles again.
     """
@@ -94,45 +87,30 @@ def save(version: str, name: str, code: bytes) -> None:
         with suppress(OSError):
             base.mkdir(mode=0o700, parents=True, exist_ok=True)
             if _is_trusted(base):
-                _write(base / version, name, code)
-                prune(base, keep=version)
+                file = base / f"{version}-{name}{SUFFIX}"
+                scratch = file.with_suffix(f".{uuid.uuid4().hex}.tmp")
+                try:
+                    scratch.write_bytes(_checksum(file, code) + code)
+                    scratch.replace(file)
+                finally:
+                    scratch.unlink(missing_ok=True)
+                prune(base)
                 return
     tried = " or ".join(str(base) for base in base_folders())
-    warnings.warn(
-        f"compiled code cannot be kept in {tried}, so every process compiles; NUMBA_CACHE_DIR names another folder",
-        RuntimeWarning,
-        stacklevel=2,
-    )
+    warn(f"compiled code cannot be kept in {tried}, so every process compiles; NUMBA_CACHE_DIR names another folder")
 
 
-def _write(folder: Path, name: str, code: bytes) -> None:
-    """Keep code in a folder at once, whoever else does the same."""
-    folder.mkdir(exist_ok=True)
-    (folder / MARK).touch()
-    scratch = folder / f"{name}.{uuid.uuid4().hex}.tmp"
-    try:
-        scratch.write_bytes(_checksum(name, code) + code)
-        scratch.replace(folder / (name + SUFFIX))
-    finally:
-        scratch.unlink(missing_ok=True)
+def warn(text: str) -> None:
+    """Say what goes on, but not as it should."""
+    warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
-def prune(base: Path, keep: str) -> None:
-    """Delete the folders of code below `base`, other than `keep`, that no process has used for 30 days.
-
-    Only what bears our mark is one, and only files of ours are deleted in it: a folder that holds anything else stays.
-    """
-    for folder in base.iterdir():
-        mark = folder / MARK
-        if folder.name == keep or not _KEY.fullmatch(folder.name) or folder.is_symlink() or not mark.is_file():
-            continue
+def prune(base: Path) -> None:
+    """Delete the files of ours in a folder that no process has used for 30 days."""
+    for file in base.iterdir():
         with suppress(OSError):  # another process may do the same
-            files = list(folder.iterdir())
-            ours = all(path.is_file() and (path == mark or path.suffix in (SUFFIX, ".tmp")) for path in files)
-            if ours and time.time() - mark.stat().st_mtime > KEPT_SECONDS:
-                for path in files:
-                    path.unlink(missing_ok=True)
-                folder.rmdir()
+            if _OURS.fullmatch(file.name) and time.time() - file.lstat().st_mtime > KEPT_SECONDS:
+                file.unlink()  # which neither follows a link nor deletes a folder
 
 
 class _Kept:
@@ -141,15 +119,11 @@ class _Kept:
     cache_path = None
 
     def __init__(self, function: Callable[..., Any], folder: Path, version: str) -> None:
-        self._digest = hashlib.sha256(
-            _folder_digest(folder) + f"{function.__module__}.{function.__qualname__}".encode()
-        )
-        self._function, self._version = function.__name__, version
+        self._sources, self._function, self._version = _folder_digest(folder), function, version
 
     def _name(self, signature: Any) -> str:
-        digest = self._digest.copy()
-        digest.update(f" {signature}".encode())
-        return f"{self._function}-{digest.hexdigest()[:16]}"
+        told = f"{self._function.__module__}.{self._function.__qualname__} {signature}"
+        return f"{self._function.__name__}-{hashlib.sha256(self._sources + told.encode()).hexdigest()[:16]}"
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """The compiled function for arguments of some types, or None."""
@@ -174,7 +148,7 @@ class _Kept:
 
             code = dumps(result._reduce())
         except Exception as error:  # of a Numba that is not known yet
-            warnings.warn(f"compiled code cannot be kept ({error})", RuntimeWarning, stacklevel=2)
+            warn(f"compiled code cannot be kept ({error})")
         else:
             save(self._version, self._name(signature), code)
 

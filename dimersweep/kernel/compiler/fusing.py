@@ -7,68 +7,44 @@ terms, of which at least one is a product, is an `fma`: of the first of the two 
     a*b + c*d  is  fma(a, b, c*d)      a*b - c  is  fma(a, b, -c)      c += a*b  is  c = fma(a, b, c)
     c + a*b    is  fma(a, b, c)        c - a*b  is  fma(-a, b, c)      a*b + c*d + e*f  is  fma(e, f, fma(a, b, c*d))
 
-Of more factors the last one is multiplied by the others' rounded product. A power, a quotient and a product that has a name
-are no products here, and whole numbers that are places in an array are left as they are.
+Of more factors the last one is multiplied by the others' rounded product. A power, a quotient, -(a*b) and a product that has a
+name are no products here. Places in an array are left as they are; other sums of whole numbers have no place there.
 """
 
 import ast
 import copy
+import ctypes
 import functools
 import inspect
 import textwrap
 from collections.abc import Callable, Sequence
-from math import fsum, inf, isfinite
-from numbers import Integral
 from typing import Any
 
 from numba import types
 from numba.extending import lower_builtin, type_callable
 
-SPLIT = 2.0**27 + 1.0  # leaves 26 digits of 53
-SMALL, LARGE = 1e-280, 1e280  # of a product, between which none of its parts is too small or too large
 NAME = "a * b + c, rounded once"  # of `fma` in a rewritten function: no name that sources can have
+_of_the_library = ctypes.CDLL(None).fma  # of C, which Python itself is linked with, exact on any processor
+_of_the_library.argtypes, _of_the_library.restype = [ctypes.c_double] * 3, ctypes.c_double
 
 
-def fma(a: Any, b: Any, c: Any) -> Any:
-    """Return a * b + c, rounded once; of whole numbers a whole one."""
-    if not isinstance(a, float) and all(isinstance(each, Integral) for each in (a, b, c)):
-        return a * b + c
-    a, b, c = float(a), float(b), float(c)
-    product = a * b
-    if SMALL < abs(product) < LARGE and abs(a) < LARGE and abs(b) < LARGE:
-        first, second = SPLIT * a, SPLIT * b
-        first, second = first - (first - a), second - (second - b)  # the upper halves of their digits
-        rest, other = a - first, b - second
-        # Dekker's product (doi 10.1007/BF01397083) has no error, and fsum rounds once
-        return fsum((product, rest * other - (((product - first * second) - rest * second) - first * other), c))
-    if not (isfinite(a) and isfinite(b)):
-        return a * b + c
-    if not isfinite(c):  # where a product is infinite by rounding alone
-        return c
-    (p, s), (q, t), (r, u) = a.as_integer_ratio(), b.as_integer_ratio(), c.as_integer_ratio()
-    exact = p * q * u + r * s * t
-    if exact == 0:  # the sign of a sum of zeros, or of two numbers that cancel
-        return float(a * b + c) if p * q == 0 else 0.0
-    try:
-        return exact / (s * t * u)  # Python rounds a quotient of whole numbers once
-    except OverflowError:
-        return inf if exact > 0 else -inf
+def fma(a: Any, b: Any, c: Any) -> float:
+    """Return a * b + c, rounded once."""
+    return _of_the_library(a, b, c)
 
 
 @type_callable(fma)
 def _type_of_fma(_: Any) -> Callable[..., Any]:
     def kind(a: Any, b: Any, c: Any) -> Any:
-        number = types.int64 if all(isinstance(each, types.Integer) for each in (a, b, c)) else types.float64
-        return number(number, number, number)
+        whole = all(isinstance(each, types.Integer) for each in (a, b, c))  # a place, or a count: it would be no float
+        return None if whole else types.float64(types.float64, types.float64, types.float64)
 
     return kind
 
 
-@lower_builtin(fma, types.VarArg(types.Any))
+@lower_builtin(fma, types.float64, types.float64, types.float64)
 def _code_of_fma(_: Any, builder: Any, signature: Any, given: Any) -> Any:
-    if signature.return_type == types.float64:
-        return builder.fma(*given)
-    return builder.add(builder.mul(given[0], given[1]), given[2])
+    return builder.fma(*given)
 
 
 def _minus(term: ast.expr) -> ast.expr:
@@ -79,8 +55,6 @@ def _factors(term: ast.expr) -> list[ast.expr]:
     """The two factors of a product, or none."""
     if isinstance(term, ast.BinOp) and isinstance(term.op, ast.Mult):
         return [term.left, term.right]
-    if isinstance(term, ast.UnaryOp) and isinstance(term.op, ast.USub) and (factors := _factors(term.operand)):
-        return [_minus(factors[0]), factors[1]]
     return []
 
 
@@ -104,27 +78,22 @@ class Fusing(ast.NodeTransformer):
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.stmt:
         before = copy.copy(node.target)
         before.ctx = ast.Load()  # what is read where the target is written
-        found = self.visit_BinOp(ast.copy_location(ast.BinOp(before, node.op, node.value), node))
-        if isinstance(found, ast.BinOp):
-            return ast.copy_location(ast.AugAssign(node.target, node.op, found.right), node)
-        return ast.copy_location(ast.Assign([node.target], found), node)
+        after = ast.copy_location(ast.BinOp(before, node.op, node.value), node)
+        return ast.copy_location(ast.Assign([node.target], self.visit(after)), node)
 
     def visit_Subscript(self, node: ast.Subscript) -> ast.expr:
         node.value = self.visit(node.value)
         return node
 
 
-def fused(function: Callable[..., Any], lines: Sequence[str]) -> Callable[..., Any]:
+def fused(function: Any, lines: Sequence[str]) -> Callable[..., Any]:
     """Return this function with its sums of products written out as `fma`; `lines` are those of its file."""
-    was: Any = function
-    first = was.__code__.co_firstlineno - 1
+    first = function.__code__.co_firstlineno - 1
     module = ast.parse(textwrap.dedent("".join(inspect.getblock(lines[first:]))))
     definition: Any = module.body[0]
     definition.decorator_list = []
     ast.increment_lineno(ast.fix_missing_locations(Fusing().visit(module)), first)
-    around = inspect.getclosurevars(was).nonlocals  # names of a function around it
-    scope = was.__globals__ | around if around else was.__globals__
-    scope.setdefault(NAME, fma)
+    function.__globals__.setdefault(NAME, fma)
     found: dict[str, Any] = {}
-    exec(compile(module, was.__code__.co_filename, "exec"), scope, found)
-    return functools.update_wrapper(found[was.__name__], was)
+    exec(compile(module, function.__code__.co_filename, "exec"), function.__globals__, found)
+    return functools.update_wrapper(found[function.__name__], function)

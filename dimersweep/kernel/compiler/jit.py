@@ -8,7 +8,6 @@ import functools
 import linecache
 import threading
 from collections.abc import Callable, Sequence
-from importlib import import_module
 from typing import Any
 
 import numba
@@ -37,8 +36,6 @@ class Part:
     nothing is made of it.
     """
 
-    compiler = "PartCompiler"  # the class that compiles it the fast way
-
     def __init__(self, function: Callable[..., Any], lines: Sequence[str] = (), **settings: Any) -> None:
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         self.py_func = function
@@ -58,8 +55,9 @@ class Part:
     def _make(self, chosen: str) -> Any:
         settings = self._settings
         if chosen == FAST:
-            linking = import_module("dimersweep.kernel.compiler.linking")
-            settings = settings | {"pipeline_class": getattr(linking, self.compiler)}
+            from dimersweep.kernel.compiler import linking
+
+            settings = settings | {"pipeline_class": getattr(linking, f"{type(self).__name__}Compiler")}
         function = fused(self.py_func, self._lines) if self._lines else self.py_func
         return _without_literals(_njit(**settings)(function))
 
@@ -72,8 +70,6 @@ class Part:
 
 class Kernel(Part):
     """A function that Python calls."""
-
-    compiler = "KernelCompiler"
 
     def _make(self, chosen: str) -> Any:
         return kept(super()._make(chosen), code_version(chosen))

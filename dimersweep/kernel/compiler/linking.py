@@ -31,7 +31,6 @@ _PASSES: tuple[Any, ...] = (
 )
 _Function: Any = BaseFunction  # it is patched
 _type: Callable[..., Any] = BaseFunction.get_call_type
-_typed: dict[Any, Any] = {}
 
 
 class _Part(JITCodeLibrary):
@@ -46,14 +45,7 @@ class _Part(JITCodeLibrary):
                 passes.run(function, builder)
 
     def _ensure_finalized(self) -> None:
-        """Never: only what links it is finalized."""
-
-    def alone(self) -> Any:
-        """This function without what it calls, for a kernel, which links each part that it needs once."""
-        for function in self._final_module.functions:
-            if not function.is_declaration and function.linkage.name == "external":
-                function.linkage = "linkonce_odr"
-        return self._final_module
+        """Never: only what links it is finalized, which takes this function without what it calls."""
 
 
 def _needed(library: Any, seen: dict[int, Any]) -> dict[int, Any]:
@@ -74,11 +66,7 @@ class _Kernel(JITCodeLibrary):
     """
 
     def finalize(self) -> None:
-        needed = _needed(self, {}).values()
-        for part in needed:
-            if isinstance(part, _Part):
-                self._final_module.link_in(part.alone(), preserve=True)
-        self._linking_libraries = [each for each in needed if not isinstance(each, _Part)]
+        self._linking_libraries = list(_needed(self, {}).values())
         super().finalize()
 
     def _optimize_final_module(self) -> None:
@@ -109,12 +97,12 @@ def _codegen() -> Any:
 _size = cache(lambda kind: kind.get_abi_size(_codegen().target_data))  # of a type: LLVM parses a module to tell it
 
 
+_typed = cache(lambda function, context, args, kws: _type(function, context, args, dict(kws)))
+
+
 def _type_once(function: Any, context: Any, args: Any, kws: Any) -> Any:
     """Signature of an operation for types of arguments: Numba looks through all that it knows every time."""
-    key = function, context, tuple(args), tuple(kws.items())
-    if key not in _typed:
-        _typed[key] = _type(function, context, args, kws)
-    return _typed[key]
+    return _typed(function, context, tuple(args), tuple(kws.items()))
 
 
 @contextmanager

@@ -34,19 +34,10 @@ def _type_of(kind: Any) -> Any:
 def one(fields: type[Fields]) -> Sequence[Fields]:
     """An array of one record of this class with all its numbers zero.
 
-    With the JIT off it is a list of a plain object, which Python reads thirty times as fast; lists of records are none there.
+    With the JIT off it is a list of a plain object, which Python reads thirty times as fast.
     """
     records: Any = np.zeros(1, record_type(fields))  # type: ignore[arg-type]  # a class is hashable: mypy 11469
-    if _config.DISABLE_JIT:
-        kinds = get_type_hints(fields, include_extras=True).items()
-        records = [SimpleNamespace(**{name: _zero(kind) for name, kind in kinds})]
-    return records
-
-
-def _zero(kind: Any) -> Any:
-    if hasattr(kind, "__metadata__"):
-        return np.zeros(kind.__metadata__, *get_args(kind.__origin__))
-    return kind(0) if kind in NUMBERS else new_record(kind)
+    return [as_object(records[0])] if _config.DISABLE_JIT else records
 
 
 def new_record(fields: type[Fields]) -> Fields:
@@ -55,11 +46,10 @@ def new_record(fields: type[Fields]) -> Fields:
 
 
 def as_object(record: Any) -> Any:
-    """A record as a plain object, see `one`: a copy, which Python reads and compiled code does not take."""
-    if isinstance(record, SimpleNamespace):
-        return record
-    fields = {name: record[name] for name in record.dtype.names}
-    nested = {name: as_object(each) if each.dtype.names else each for name, each in fields.items()}
-    return SimpleNamespace(
-        **{name: each.item() if isinstance(each, np.generic) else each for name, each in nested.items()}
-    )
+    """A record as a plain object, see `one`: a copy, which Python reads and compiled code does not take.
+
+    What is in it comes out likewise, but for its arrays, of which it has a view.
+    """
+    if isinstance(record, np.void):
+        return SimpleNamespace(**{name: as_object(record[name]) for name in record.dtype.names or ()})
+    return record.item() if isinstance(record, np.generic) else record

@@ -7,7 +7,6 @@ rounded stands in them (``fusing.py``), and that a compiler and a processor do s
 
 import hashlib
 import platform
-import sys
 from collections.abc import Collection
 from functools import cache
 from pathlib import Path
@@ -18,19 +17,9 @@ COMMON = "x86-64-v3"  # Intel since 2013, AMD since 2015
 INSTRUCTIONS = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
 ARM = ("aarch64", "arm64")  # machines whose least processor has all that counts
 # of numba.config: those that change what machine code is made
-SETTINGS = (
-    "BOUNDSCHECK",
-    "DEBUGINFO_DEFAULT",
-    "DISABLE_INTEL_SVML",
-    "DISABLE_JIT",
-    "ENABLE_AVX",
-    "LOOP_VECTORIZE",
-    "OPT",
-    "SLP_VECTORIZE",
-    "USING_SVML",
-)
+SETTINGS = ("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "ENABLE_AVX", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE", "USING_SVML")
 BESIDE = ("cli", "exploring", "plots")  # rooms of the package that read cubes, and make none
-KERNEL = __name__.rpartition(".kernel.")[0] + ".kernel"
+KERNEL = Path(__file__).parents[1]
 
 
 def sources(folder: Path, beside: Collection[str] = ()) -> list[Path]:
@@ -48,11 +37,8 @@ def sources_digest(folder: Path, beside: Collection[str] = ()) -> bytes:
 
 @cache
 def take_digests() -> tuple[bytes, bytes]:
-    """Hashes of the kernel's sources, and of those that a number may come through on its way into a cube; to be taken when
-    these are imported: later, files may differ.
-    """
-    kernel, package = (Path(str(sys.modules[name].__file__)).parent for name in (KERNEL, __name__.partition(".")[0]))
-    return sources_digest(kernel), sources_digest(package, BESIDE)
+    """Hashes of the sources of the kernel, and of all that cubes come through, to be taken before these are imported."""
+    return sources_digest(KERNEL), sources_digest(KERNEL.parent, BESIDE)
 
 
 def target(common: bool = True) -> tuple[str, str]:
@@ -65,13 +51,13 @@ def target(common: bool = True) -> tuple[str, str]:
     from llvmlite import binding
 
     config: Any = numba.config
+    has = binding.get_host_cpu_features()
     if common and config.CPU_NAME is None and config.CPU_FEATURES is None and config.ENABLE_AVX:
         if platform.machine() in ARM:
             return "generic", ""
-        has = binding.get_host_cpu_features()
         if all(has.get(name) for name in INSTRUCTIONS):
             return COMMON, ""
-    features = binding.get_host_cpu_features().flatten() if config.CPU_FEATURES is None else str(config.CPU_FEATURES)
+    features = has.flatten() if config.CPU_FEATURES is None else str(config.CPU_FEATURES)
     return str(config.CPU_NAME or binding.get_host_cpu_name()), features
 
 
@@ -91,8 +77,7 @@ def compiler(way: str) -> dict[str, str]:
 @cache
 def code_version(way: str) -> str:
     """Return the version of code that is compiled this way, by the kernel's sources and the compiler; 16 hexadecimal digits."""
-    lines = "\n".join(f"{name} = {value}" for name, value in compiler(way).items())
-    return hashlib.sha256(take_digests()[0] + lines.encode()).hexdigest()[:16]
+    return hashlib.sha256(take_digests()[0] + str(compiler(way)).encode()).hexdigest()[:16]
 
 
 def kernel_version() -> str:

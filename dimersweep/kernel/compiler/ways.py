@@ -5,30 +5,19 @@ takes over, and a note of it is left beside the code of the fast way: so it hold
 """
 
 import os
-import re
-import warnings
+import textwrap
 from typing import Any
 
 from dimersweep.kernel.compiler import cache, versions
 
 FAST, PLAIN, PYTHON = "fast", "plain", "python"
-# the least Numba that the package allows. The compiler of 0.61 (LLVM 15) rounds otherwise than all those after it: last digits
-# differ, and so do modes near a border.
-OLDEST = (0, 62, 1)
 NOTE = "fast-way-fails"
-LONGEST = 200  # characters of an error that are told
 
 _taken: list[str] = []  # the way that is gone
 
 
 def way() -> str:
-    """How the kernel is compiled: FAST, PLAIN or, with the JIT off, PYTHON.
-
-    Raises
-    ------
-    ImportError
-        See `asked_way`.
-    """
+    """How the kernel is compiled: FAST, PLAIN or, with the JIT off, PYTHON."""
     return _taken[-1] if _taken else take(first_way())
 
 
@@ -44,12 +33,10 @@ def asked_way() -> str | None:
     Raises
     ------
     ImportError
-        If Numba is too old, or DIMERSWEEP_COMPILER asks for what there is not.
+        If DIMERSWEEP_COMPILER asks for what there is not.
     """
     import numba
 
-    if tuple(map(int, re.findall(r"\d+", numba.__version__)[:3])) < OLDEST:
-        raise ImportError(f"numba = {numba.__version__}: must be >= {'.'.join(map(str, OLDEST))}")
     asked = os.environ.get("DIMERSWEEP_COMPILER") or None
     if asked not in (FAST, PLAIN, None):
         raise ImportError(f"DIMERSWEEP_COMPILER = {asked}: must be {FAST} or {PLAIN}")
@@ -69,8 +56,7 @@ def first_way() -> str:
 
 def give_up(error: Exception) -> None:
     """Note for later processes that the fast way fails with this error, and say so."""
-    text = " ".join(f"{type(error).__name__}: {error}".split())
-    text = text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+    text = textwrap.shorten(f"{type(error).__name__}: {error}", width=200, placeholder="...")
     cache.save(versions.code_version(FAST), NOTE, text.encode())
     _tell(text)
 
@@ -78,14 +64,12 @@ def give_up(error: Exception) -> None:
 def _tell(reason: str) -> None:
     import numba
 
-    warnings.warn(
+    cache.warn(
         f"numba {numba.__version__}: the fast way of compiling fails ({reason}); the kernel is compiled the plain way, which "
-        "takes some minutes, once for each version",
-        RuntimeWarning,
-        stacklevel=2,
+        "takes some minutes, once for each version"
     )
 
 
 def is_compiled() -> bool:
     """Whether compiled code of this version of the kernel is at hand, or none is needed, so that the next call is quick."""
-    return way() == PYTHON or cache.holds(versions.code_version(way()))
+    return way() == PYTHON or bool(cache.files(versions.code_version(way())))

@@ -303,12 +303,11 @@ def turn_slopes(step, j):
 def newton_matrix(h, m, b):
     """Write the factors of 1 - h A dq'/dq over the turns q at all nodes into b.LU; return False if it is singular."""
     for j in range(NODES):
-        for i in range(m):
-            p = j * m + i
+        for p in range(j * m, (j + 1) * m):
             turn = b.B[p]
             for k in range(NODES):
                 a = h * RADAU_A[j, k]
-                for q in range(k * m, k * m + m):
+                for q in range(k * m, (k + 1) * m):
                     slope = b.J[q]
                     b.LU[p, q] = -a * (turn[0] * slope[Y.u_a] + turn[1] * slope[Y.u_b] + turn[2] * slope[Y.w_p])
             b.LU[p, p] += 1.0
@@ -330,11 +329,11 @@ def newton_iteration(h, n, m, b):
             u_a += a * slope[Y.u_a]
             u_b += a * slope[Y.u_b]
             w_p += a * slope[Y.w_p]
-        for i in range(j * m, j * m + m):
+        for i in range(j * m, (j + 1) * m):
             change[i] = B[i, 0] * u_a + B[i, 1] * u_b + B[i, 2] * w_p
     lu_solve(b.LU, NODES * m, b.pivots, change)
     for j in range(NODES):
-        for i in range(j * m, j * m + m):
+        for i in range(j * m, (j + 1) * m):
             for k in range(n):
                 K[j, k] += b.J[i, k] * change[i]
     largest = 0.0
