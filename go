@@ -74,12 +74,13 @@ make_small_cubes() {
     step "$@" python -m tests.checks.small_cubes "$scratch"
 }
 
+# $1: which of the kernel's tests are run without the JIT
 check_sources() {
     step ruff check
     step ruff format --check
     step mypy
     step lint-imports --no-logo
-    step env NUMBA_DISABLE_JIT=1 pytest -q -m "not jit" tests/kernel
+    step env NUMBA_DISABLE_JIT=1 pytest -q -m "$1" tests/kernel
 }
 
 build_site() {
@@ -104,9 +105,9 @@ run_tests() {
 run_checks() {
     make_scratch
     local failed=0 site="$1" quiet=--quiet # its pages in a log would be many lines
-    begin check_sources
+    begin check_sources "$2"
     make_small_cubes with_extra "" # this leaves compiled kernels in the cache for all that follows
-    begin run_tests "${@:2}"
+    begin run_tests "${@:3}"
     begin "$site" with_extra docs
     for each in check_sources "$site" run_tests; do
         finish "$each" || failed=$?
@@ -121,12 +122,12 @@ fig07)
     ;;
 test)
     set_up ".[dev]"
-    run_checks check_site -m "not release"
+    run_checks check_site "not jit and not release and not long_uncompiled" -m "not release"
     echo "what is asked before a release was left out: ./go release"
     ;;
 release)
     set_up ".[dev]"
-    run_checks build_site
+    run_checks build_site "not jit"
     ;;
 docs)
     set_up ".[docs]"

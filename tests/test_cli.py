@@ -775,7 +775,7 @@ def test_a_plan_writes_nothing_and_takes_any_grid(call, done, fake_kernel, monke
     out = done("plan", "small.toml", "--workers", "3")
     assert [line.split(":")[0] for line in out.splitlines()] == ["points", "tiles", "cube", "time", "sample"]
     assert out.startswith("points: 132\n") and "on 3 threads" in out and "132 random points" in out
-    many = "beta0 = { start = 2, stop = 88, num = 20000000, unit = 'deg' }\nxdot0 = { start = 0, stop = 1, num = 50 }"
+    many = "beta0 = { start = 2, stop = 88, num = 2000000, unit = 'deg' }\nxdot0 = { start = 0, stop = 1, num = 500 }"
     edited("xdot0 = 1", "")
     Path("small.toml").write_text(re.sub("beta0 = .*", many, Path("small.toml").read_text()))
     run = []

@@ -57,7 +57,13 @@ def _centre_speeds(states):
     return x**2 + y**2 + n**2
 
 
-@pytest.mark.parametrize("params", [{"beta0": 0.0, "Gamma": 0.5}, {"beta0": 0.0, "Gamma": 0.5, "xdot0": 0.0}])
+@pytest.mark.parametrize(
+    "params",
+    [
+        pytest.param({"beta0": 0.0, "Gamma": 0.5}, marks=pytest.mark.long_uncompiled),
+        {"beta0": 0.0, "Gamma": 0.5, "xdot0": 0.0},
+    ],
+)
 def test_a_dimer_that_lies_on_the_plate_stays_there(params):
     run = simulate(**params, e=0.0, periods=6)
     late = run.states(np.linspace(3, 6, 31) / 15.0)
@@ -66,6 +72,7 @@ def test_a_dimer_that_lies_on_the_plate_stays_there(params):
     assert not late["gap_2_rate"].values.any()
 
 
+@pytest.mark.long_uncompiled
 @pytest.mark.parametrize("params", [{}, {"xdot0": 0.0}, {"mu": 0.0, "mu_s": 0.0}, {"e": 0.9}])
 def test_on_a_dead_plate_everything_comes_to_rest(params):
     run = simulate(**params, Gamma=0.0, periods=40)
@@ -208,7 +215,12 @@ def test_the_drift_of_the_base_case_does_not_depend_on_the_accuracy():
     np.testing.assert_allclose(radii, 4.2447, rtol=2e-4)
 
 
-@pytest.mark.parametrize("params", data("scenes")["corners"]["scenes"])
+CORNERS = data("scenes")["corners"]["scenes"]
+
+
+@pytest.mark.parametrize(
+    "params", [*CORNERS[:2], *(pytest.param(scene, marks=pytest.mark.long_uncompiled) for scene in CORNERS[2:])]
+)
 def test_corners_of_the_parameters_run_to_their_end(params):
     run = simulate(**params, periods=4)
     assert (run.status, run.n_periods) == ("ok", 4)
@@ -254,6 +266,7 @@ def test_scenes_make_headway(case, rtol):
     assert codes[0, CODE["n_periods"]] == 33
 
 
+@pytest.mark.long_uncompiled
 def test_a_ball_chatters_to_rest_and_is_thrown_off_again():
     run = simulate(Gamma=1.3, beta0=0.2, periods=8)
     events = names(run.events)
@@ -308,6 +321,7 @@ def test_a_run_starts_as_the_paper_says():
     assert first["beta"].item() == 0.4
 
 
+@pytest.mark.long_uncompiled
 def test_a_batch_ends_with_the_first_run_of_a_wanted_mode():
     rows = np.array([row_of(beta0=b) for b in (0.5, 1.2, 0.279)])
     out, codes = np.full((3, N_OUT), np.nan), np.zeros((3, N_CODES), dtype=np.int64)

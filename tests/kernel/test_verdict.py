@@ -116,6 +116,7 @@ def drawn(seed):
     return x, roll
 
 
+@pytest.mark.long_uncompiled
 def test_drawn_strobes_settle_as_they_are_said_to():
     periods = []
     for seed in range(50):
