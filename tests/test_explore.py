@@ -11,7 +11,6 @@ import urllib.request
 from contextlib import closing, contextmanager
 from html import escape
 from socket import create_server
-from time import perf_counter
 
 import numpy as np
 import pytest
@@ -845,18 +844,15 @@ def test_a_notebook_shows_the_page_of_a_run(tmp_path):
         frame.get_by_text("pause").wait_for()
         assert frame.locator(".mode").inner_text() == "drift"
         first = frame.locator("#now").inner_text()
-        page.wait_for_timeout(500)
-        assert frame.locator("#now").inner_text() != first
+        frame.locator("#now").filter(has_not_text=first).wait_for()
         assert frame.locator(".pictures").bounding_box()["height"] > 500
         assert errors == []
 
 
 def test_a_frame_shows_a_page_that_is_served(cube):
-    started = perf_counter()
     explorer = dimersweep.explore(cube)
     try:
         assert f'src="{explorer.address}"' in explorer._repr_html_()
         assert "some starts" in fetched(explorer.address)
-        assert perf_counter() - started < 10
     finally:
         explorer.close()

@@ -1,9 +1,9 @@
 """Axes become points in C order, whatever range is asked for, and a bad axis is refused in one line."""
 
 import re
+import sys
 from decimal import Decimal
 from fractions import Fraction
-from time import perf_counter
 
 import mpmath
 import numpy as np
@@ -182,7 +182,11 @@ def test_halves_are_decimal():
     assert finer(np.array([0.1, 0.2, 0.4]), 2).tolist() == [0.1, 0.125, 0.15, 0.175, 0.2, 0.25, 0.3, 0.35, 0.4]
 
 
-def test_a_long_range_takes_no_time():
-    begun = perf_counter()
-    values = axis_values("f", {"start": 0.1, "stop": 500_000, "step": 0.1})
-    assert values.size == 5_000_000 and values[2] == 0.3 and perf_counter() - begun < 2
+def test_a_long_range_is_made_in_a_few_calls():
+    calls = []
+    sys.setprofile(lambda *_: calls.append(1))
+    try:
+        values = axis_values("f", {"start": 0.1, "stop": 50_000, "step": 0.1})
+    finally:
+        sys.setprofile(None)
+    assert values.size == 500_000 and values[2] == 0.3 and len(calls) < 10_000
