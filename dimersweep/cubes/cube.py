@@ -340,4 +340,7 @@ def names(flags: Flagged) -> Flagged:
         raise ParameterError(f"names: {given} has no words; give a flag variable such as cube['mode']")
     codes, words = flags.attrs["flag_values"], np.array(flags.attrs["flag_meanings"].split())
     check_flags(flags.name, flags.values, codes)
-    return flags.copy(data=words[np.searchsorted(codes, flags.values)]).drop_attrs()
+    named: xr.DataArray = flags.copy(deep=False, data=words[np.searchsorted(codes, flags.values)])
+    for each in (named, *named.coords.values()):  # `drop_attrs` takes 60 times as long, a tenth of a second
+        each.attrs = {}
+    return named
