@@ -1,9 +1,9 @@
 """Which tests of ``./go test`` see a mutant of meaning, and in how many seconds: ``python benchmarks/evidence/mutants.py``.
 
 `mutants.toml` lists them: each changes a part of one line of the package, and what it means. A mutant is put into a copy of the
-checkout, where the tests of its room run first, then the slow ones of these, then all other quick ones, up to the first that
-fails; it must pass without the mutant, else it does not count and the next one is looked for. Tests that are marked `release`
-are left out, and so are those that compare texts or bits of the kernel: any edit fails them, whatever it means.
+checkout, where the tests of its file run first, then all others, the quick ones before those that are marked slow, up to the
+first that fails. That must pass without the mutant, else it does not count and the next one is looked for. Tests that are marked
+`release` are left out, and so are those that compare texts or bits of the kernel: any edit fails them, whatever it means.
 
 A mutant of the kernel is tried without the JIT first, and then compiled into a cache of its own. Each process that runs the
 package proves its kernel by known bits (`work/proving.py`), which sees any of them: that is left out for the tests, and told
@@ -35,25 +35,56 @@ SECONDS = 600.0  # for one mutant
 # tests that see any edit: of this list, of patches to the package, and of bits of the kernel
 OF_TEXT = ("benchmarks/tests/test_mutants.py", "tests/test_changes.py")
 OF_BITS = ("tests/test_other_processors.py", "tests/kernel/test_fusing.py", "tests/test_cache.py")
-# the tests of each room, in `tests`, those that are likely to see a mutant first
-TESTS = {
-    "kernel": "kernel limits test_general test_track test_energy test_properties test_harmonics test_mean_path test_walk"
-    " test_rolls_and_slides test_oracle test_settling test_run test_starts",
-    "runs": "test_run test_starts test_shadows test_certify test_held_run test_energy test_stability test_tables test_points"
-    " test_accessor test_mean_path test_doors test_walk",
-    "studies": "test_reading test_search test_refine test_attractors test_carrying test_parts test_planning test_points"
-    " test_own_observers test_reuse test_bordering test_sweep",
-    "cubes": "test_plots test_cube test_grid test_reuse test_tables test_accessor",
-    "storage": "test_tilestore test_store test_zarrs test_reuse test_cube test_sweep",
-    "work": "test_parts test_scheduling test_sweep test_warming test_same_bits test_tilestore",
-    "inputs": "test_parameters test_optional_parameters test_grid test_general test_harmonics test_attractors test_starts"
-    " test_cube test_docs test_pages",
-    "fits": "test_fits test_harmonics test_commands test_other_programs",
-    "orbits": "test_orbits test_orbit_families test_sustained test_doubling test_orbit_numbers test_fits test_orbit_branches"
-    " test_stability_ends test_following_sustained test_commands",
-    "plots": "test_plots test_pictures test_movies test_attractors test_walk",
-    "exploring": "test_explore test_movies test_pages",
-    "cli": "test_commands test_cli test_held_run",
+# files of tests, in `tests`, that are about a file of the package: these run first
+NEAREST = {
+    "cli/interrupting.py": "test_cli",
+    "cli/measuring.py": "test_commands test_harmonics",
+    "cli/simulating.py": "test_commands test_cli",
+    "cubes/cube.py": "test_accessor test_cube test_walk",
+    "cubes/findings.py": "test_reading test_plots",
+    "exploring/explore.html": "test_explore",
+    "exploring/mapping.py": "test_explore",
+    "fits/fitting.py": "test_fits",
+    "fits/likelihood.py": "test_fits",
+    "fits/pictures.py": "test_pictures test_fits",
+    "fits/tracks.py": "test_fits",
+    "fits/waveform.py": "test_harmonics",
+    "kernel/contact/forces.py": "kernel/test_contact kernel/test_friction test_energy test_general",
+    "kernel/flight/free_motion.py": "kernel/test_flight test_properties",
+    "kernel/impact/double_equations.py": "kernel/test_double_impact test_general",
+    "kernel/model/body.py": "kernel/test_body test_general",
+    "kernel/model/plate.py": "kernel/test_plate test_harmonics",
+    "kernel/verdict/classify.py": "kernel/test_verdict test_run",
+    "kernel/verdict/track.py": "test_track test_walk",
+    "orbits/fate.py": "test_orbit_families test_following_sustained",
+    "orbits/orbit.py": "test_orbit_numbers test_doubling test_mean_path test_fits",
+    "orbits/sustained.py": "test_sustained test_following_sustained",
+    "parameters.py": "test_attractors test_harmonics",
+    "plots/attractors.py": "test_pictures test_attractors",
+    "plots/maps.py": "test_pictures test_plots",
+    "plots/modes.py": "test_pictures",
+    "plots/movie.py": "test_movies",
+    "plots/orbits.py": "test_pictures",
+    "plots/runs.py": "test_pictures",
+    "plots/view.html": "test_explore test_movies",
+    "runs/growth.py": "test_stability",
+    "runs/recorded.py": "test_run",
+    "runs/saving.py": "test_held_run",
+    "runs/sections.py": "test_energy test_run",
+    "runs/shadows.py": "test_certify test_shadows",
+    "runs/starting.py": "test_starts",
+    "storage/formats/zarr.py": "test_zarrs",
+    "storage/store.py": "test_sweep test_store",
+    "studies/attractors.py": "test_attractors",
+    "studies/deciding.py": "test_search test_reuse",
+    "studies/loops.py": "test_carrying",
+    "studies/observers.py": "test_walk test_datasets",
+    "studies/refine.py": "test_refine",
+    "symbols.py": "test_optional_parameters test_general test_cube",
+    "work/computing.py": "test_sweep test_scheduling",
+    "work/parts.py": "test_parts",
+    "work/progress.py": "test_sweep",
+    "work/scheduling.py": "test_scheduling",
 }
 PROVE = "from dimersweep.work.proving import prove; prove()"
 
@@ -91,7 +122,7 @@ def why_not(mutant: Mutant) -> str:
         return f"mutant {mutant.number}: {mutant.file} has {count} times {mutant.was!r}; must be once"
     if mutant.was == mutant.becomes or "\n" in mutant.was + mutant.becomes:
         return f"mutant {mutant.number}: {mutant.was!r}: must become another part of one line"
-    return "" if mutant.room in TESTS else f"mutant {mutant.number}: {mutant.room}: has no tests (see TESTS)"
+    return "" if mutant.file in NEAREST else f"mutant {mutant.number}: {mutant.file}: has no tests (see NEAREST)"
 
 
 def copied(folder: Path) -> None:
@@ -126,37 +157,32 @@ def first_failure(folder: Path, seconds: float, tests: list[str], settings: dict
     return failed[0] if failed else f"pytest ended with {code}: {printed.strip().splitlines()[-1:]}"
 
 
-def files_of(room: str, left_out: tuple[str, ...]) -> tuple[list[str], list[str]]:
-    """Return the files of tests of a room, in their order, and all others."""
-    every = [
-        str(path.relative_to(ROOT))
-        for room in ("tests", "benchmarks/tests")
-        for path in (ROOT / room).rglob("test_*.py")
-    ]
-    every = sorted(
-        set(every) - set(left_out), key=lambda name: ("test_engine" in name, name)
-    )  # which takes the longest
-    own = [
-        name
-        for part in TESTS[room].split()
-        for name in every
-        if name.startswith((f"tests/{part}/", f"tests/{part}.py"))
-    ]
-    return own, [name for name in every if name not in own]
+def files_of(mutant: Mutant) -> tuple[list[str], list[str]]:
+    """Return the files of tests that are nearest to a mutant, in their order, and all others."""
+    rooms = ROOT / "tests", ROOT / "benchmarks" / "tests"
+    every = {str(path.relative_to(ROOT)) for room in rooms for path in room.rglob("test_*.py")} - {*OF_TEXT}
+    every -= {*OF_BITS} if is_of_kernel(mutant) else set()
+    near = [f"tests/{name}.py" for name in NEAREST[mutant.file].split()]
+    return near, sorted(every - {*near})
+
+
+def is_of_kernel(mutant: Mutant) -> bool:
+    """Return whether the kernel is another one with a mutant."""
+    return mutant.file.startswith("kernel/")
 
 
 def rounds(mutant: Mutant, cache: str) -> Iterator[tuple[list[str], dict[str, str]]]:
     """Yield tests, as pytest is told them, and the settings with which they run, one round after the other."""
     settings: dict[str, str] = {}
-    own, others = files_of(mutant.room, OF_TEXT)
-    if mutant.file.startswith("kernel/"):
-        own, others = files_of(mutant.room, OF_TEXT + OF_BITS)
+    near, others = files_of(mutant)
+    if is_of_kernel(mutant):
         settings = {"DIMERSWEEP_OTHER_PHYSICS": "1", "NUMBA_CACHE_DIR": cache}
-        kernel = [name for name in own if name.startswith("tests/kernel/")]
-        yield ["-m", "not jit and not release", *kernel], {"NUMBA_DISABLE_JIT": "1"} | settings
-    yield ["-m", "not release and not slow", *own], settings
-    yield ["-m", "not release and slow", *own], settings
+        if plain := [name for name in near if name.startswith("tests/kernel/")]:
+            yield ["-m", "not jit and not release", *plain], {"NUMBA_DISABLE_JIT": "1"} | settings
+    yield ["-m", "not release and not slow", *near], settings
+    yield ["-m", "not release and slow", *near], settings
     yield ["-m", "not release and not slow", *others], settings
+    yield ["-m", "not release and slow", *others], settings
 
 
 def killed(mutant: Mutant, folder: Path, seconds: float) -> Killed:
@@ -180,7 +206,7 @@ def killed(mutant: Mutant, folder: Path, seconds: float) -> Killed:
                     deselected += ["--deselect", by]  # fails without the mutant, too
                 if by or taken > seconds:
                     break
-            if mutant.file.startswith("kernel/"):
+            if is_of_kernel(mutant):
                 file.write_text(mutated, encoding="utf-8")
                 ways = (
                     {"NUMBA_DISABLE_JIT": "1"},

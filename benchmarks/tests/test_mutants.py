@@ -5,11 +5,25 @@ import pytest
 from mutants import Killed, Mutant
 
 LISTED = mutants.mutants()
+ROOMS = [
+    "kernel",
+    "runs",
+    "studies",
+    "cubes",
+    "storage",
+    "work",
+    "inputs",
+    "fits",
+    "orbits",
+    "plots",
+    "exploring",
+    "cli",
+]
 
 
 def test_there_are_sixty_over_all_rooms():
     assert len(LISTED) == 60
-    assert {each.room for each in LISTED} == set(mutants.TESTS)
+    assert {each.room for each in LISTED} == set(ROOMS)
     assert sum(each.file.startswith("kernel/") for each in LISTED) <= 12
 
 
@@ -34,11 +48,12 @@ def test_what_is_no_mutant_is_told(was, becomes, why):
     assert why in mutants.why_not(Mutant(1, "work", "work/proving.py", was, becomes, ""))
 
 
-def test_every_room_has_tests():
-    for room, parts in mutants.TESTS.items():
-        own, others = mutants.files_of(room, mutants.OF_TEXT)
-        assert all(any(name.startswith(f"tests/{part}") for name in own) for part in parts.split())
-        assert not {*own} & {*others, *mutants.OF_TEXT}
+def test_the_tests_that_are_tried_first_are_there_and_no_other_file_is_named():
+    assert {*mutants.NEAREST} == {each.file for each in LISTED}
+    for mutant in LISTED:
+        near, others = mutants.files_of(mutant)
+        assert all((mutants.ROOT / name).is_file() for name in near)
+        assert not {*near} & {*others} and not {*mutants.OF_TEXT} & {*near, *others}
 
 
 @pytest.mark.parametrize(("only", "numbers"), [("3,7-9", [3, 7, 8, 9]), ("", [*range(1, 61)])])
@@ -65,7 +80,7 @@ def test_the_table_counts_those_that_tests_see_and_half_those_of_the_proof():
 
 @pytest.fixture
 def checkout(tmp_path, monkeypatch):
-    """A checkout of one module, one test of it, and one that fails in any case; the mutant in its room is put in."""
+    """A checkout of one module, one test of it, and one that fails in any case; with the program set to it."""
     (tmp_path / "dimersweep" / "work").mkdir(parents=True)
     (tmp_path / "dimersweep" / "work" / "half.py").write_text("def half(x):\n    return x / 2\n")
     (tmp_path / "tests").mkdir()
@@ -76,7 +91,7 @@ def checkout(tmp_path, monkeypatch):
     (tmp_path / "pyproject.toml").write_text('[tool.pytest.ini_options]\nmarkers = ["release", "slow", "jit"]\n')
     monkeypatch.setattr(mutants, "ROOT", tmp_path)
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")  # of which these tests need none
-    monkeypatch.setitem(mutants.TESTS, "work", "test_work")
+    monkeypatch.setitem(mutants.NEAREST, "work/half.py", "test_work")
     return tmp_path
 
 
