@@ -2,7 +2,7 @@
 
 `mutants.toml` lists them: each changes a part of one line of the package, and what it means. A mutant is put into a copy of the
 checkout, where the tests of its file run first, then all others, the quick ones before those that are marked slow, up to the
-first that fails. That must pass without the mutant, else it does not count and the next one is looked for. Tests that are marked
+first that fails. That must pass without the mutant, else it does not count and the next one is looked for. Tests marked
 `release` are left out, and so are those that compare texts or bits of the kernel: any edit fails them, whatever it means.
 
 A mutant of the kernel is tried without the JIT first, and then compiled into a cache of its own. Each process that runs the
