@@ -13,6 +13,7 @@ import dimersweep
 from dimersweep import simulate
 from dimersweep.analysis.orbits.slow.fate import Later
 from dimersweep.errors import ParameterError, StoreError
+from dimersweep.runs import solving
 from dimersweep.runs.growth import Lyapunov
 from dimersweep.storage.provenance import digest
 from dimersweep.symbols import HIGHER, PARAMETERS
@@ -192,10 +193,25 @@ def test_a_saved_run_comes_back_exactly(tmp_path, scene):
     assert run.save(tmp_path / "run.nc") == tmp_path / "run.nc"
     back = dimersweep.load_run(tmp_path / "run.nc")
     same_runs(back, run)
+    assert repr(back) == repr(run)
+    for name in [name for name in vars(run) if not name.startswith("_")]:
+        np.testing.assert_equal(getattr(back, name), getattr(run, name), name)
     assert back.events.identical(run.events)
     times = np.linspace(0, run.duration, 77)
     assert back.states(times).identical(run.states(times))
     same_runs(back.go_on(30), simulate(**scene, periods=70))
+
+
+@pytest.mark.filterwarnings("ignore:record. is full:RuntimeWarning")
+def test_a_saved_run_tells_that_its_record_was_cut(tmp_path, monkeypatch):
+    monkeypatch.setattr(solving, "MAX_ROWS", 200)
+    run = simulate(periods=30)
+    back = dimersweep.load_run(run.save(tmp_path / "run.nc"))
+    assert back.record_cut == run.record_cut != ""
+    assert repr(back) == repr(run)
+    assert back.events.identical(run.events)
+    with pytest.raises(ParameterError, match=r"where the record was cut$"):
+        back.states(1.9)
 
 
 def test_a_saved_run_is_read_by_others(tmp_path):

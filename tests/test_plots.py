@@ -251,6 +251,23 @@ def test_walks_are_drawn_from_their_starts_with_the_velocity_of_the_centre():
 
 
 @pytest.mark.jit
+@pytest.mark.parametrize("beta0", [0.28, -0.28])
+def test_a_drift_along_the_axis_has_the_sense_from_the_end_that_is_down(beta0):
+    """As the centre of mass goes in a run, in which one sees which end is down; either end may be."""
+    cube = search(
+        {"A_r": [5.5, 6.0], "beta0": [beta0]}, fixed={"xdot0": 0.0}, over="beta0", ask="first", periods=200,
+        orbit_periods=200, progress=False, paths={"periods": 200, "per_period": 1},
+    )  # fmt: skip
+    for A_r, told in zip((5.5, 6.0), cube["axial_velocity"].values, strict=True):
+        last = dimersweep.simulate(A_r=A_r, beta0=beta0, xdot0=0.0, periods=200).states(np.linspace(199, 200, 301) / 15)
+        y, from_p1 = last["y"].values, (last["y"] - last["y1"]).values  # the heading stays along Y
+        down = [float((last[f"gap_{end}"] == 0).mean()) for end in (1, 2)]
+        sense = np.sign(from_p1[-1]) * (1 if down[0] > down[1] else -1)
+        assert max(down) > 0.9 > 2 * min(down)
+        assert told == pytest.approx(15 * sense * (y[-1] - y[0]), rel=1e-6) and abs(told) > 1e-4
+
+
+@pytest.mark.jit
 def test_walks_of_unlike_balls_have_the_curvature_of_their_paths():
     cube = search(
         {"r_2": [4.9e-3, 5.05e-3], "beta0": [0.28]}, fixed={"r_1": 5e-3}, over="beta0", ask="first", periods=700,

@@ -163,7 +163,7 @@ def files_of(mutant: Mutant) -> tuple[list[str], list[str]]:
     every = {str(path.relative_to(ROOT)) for room in rooms for path in room.rglob("test_*.py")} - {*OF_TEXT}
     every -= {*OF_BITS} if is_of_kernel(mutant) else set()
     near = [f"tests/{name}.py" for name in NEAREST[mutant.file].split()]
-    return near, sorted(every - {*near})
+    return near, sorted(every - {*near}, reverse=True)  # those of the package before those of its programs
 
 
 def is_of_kernel(mutant: Mutant) -> bool:
