@@ -1,6 +1,7 @@
 """Newton's method, and the fixed points of the fast part at a given spin that it finds."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +11,7 @@ from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap
 TOLERANCE = 10.0  # residual of an orbit over the rtol of the map
 NEWTON_STEPS, QUICK_FALL = 25, 0.2  # Newton steps at most; a residual that falls by less asks for a new derivative
 STEP_HALVINGS = 6  # tries to come nearer: a step, its half, its quarter ...
+FAR = 1e-4  # value beyond which the accuracy of runs does not count
 NEAR_ENOUGH = 1e3  # residual, over the target, of steps that come no nearer but are near enough
 
 
@@ -22,6 +24,11 @@ class Fixed(NamedTuple):
     matrix: np.ndarray  # derivative of the map, shape (n, n)
     gradient: np.ndarray  # of the spin after the last impact, in its unit, shape (n,)
     residual: float  # in units of the section
+
+    def beside(self, away: np.ndarray) -> "Fixed":
+        """What lies beside it, to first order."""
+        there = self.image.point + self.matrix @ away
+        return self._replace(z=self.z + away, image=self.image._replace(point=there))
 
 
 def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float | None) -> np.ndarray:
@@ -61,6 +68,7 @@ def newton(
     target: float,
     known: np.ndarray | None = None,
     most: int = NEWTON_STEPS,
+    loosely: Callable[[np.ndarray], tuple[np.ndarray, Any]] | None = None,
 ) -> Root:
     """A zero of `f` near `y`; lost if the steps do not come to one.
 
@@ -79,7 +87,15 @@ def newton(
         Derivative nearby.
     most : int
         How many new derivatives may be taken.
+    loosely : callable, optional
+        As `f`, from runs that are less accurate: it serves where the value is large.
     """
+    loosely = loosely or f
+
+    def far(y: np.ndarray) -> tuple[np.ndarray, Any]:
+        seen = loosely(y)
+        return seen if np.abs(seen[0]).max() > FAR else f(y)
+
     r, extra = f(y)
     A, fresh, size = known, False, np.abs(r).max()
     for _ in range(NEWTON_STEPS):
@@ -92,7 +108,9 @@ def newton(
             A, fresh = derivative(y), True
         assert A is not None
         try:
-            y_next, r_next, extra_next = _nearer(f, y, -np.linalg.solve(A, r), size, STEP_HALVINGS if derivative else 1)
+            y_next, r_next, extra_next = _nearer(
+                far if size > FAR else f, y, -np.linalg.solve(A, r), size, STEP_HALVINGS if derivative else 1
+            )
         except (np.linalg.LinAlgError, OrbitLost) as error:
             if size <= NEAR_ENOUGH * target:
                 return Root(y, extra, r, A)  # as near as the rounding of the map allows
@@ -123,10 +141,12 @@ def _nearer(
     raise lost
 
 
-def fixed_at(m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: float = 0.0) -> Fixed:
+def fixed_at(
+    m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: float = 0.0, roughly: bool = False
+) -> Fixed:
     """A fixed point with the derivatives there."""
     image = m.image(z) if image is None else image
-    matrix, gradient = m.jacobian(z)
+    matrix, gradient = m.jacobian(z, roughly)
     return Fixed(m, z, image, matrix, gradient, residual)
 
 
@@ -138,10 +158,13 @@ def solve(m: ReturnMap, z: np.ndarray, spin: float | None, known: np.ndarray | N
     A `known` derivative of `defect` nearby is what the steps begin with.
     """
 
-    def value(z: np.ndarray) -> tuple[np.ndarray, Image]:
-        image = m.image(z)
+    def value(z: np.ndarray, loose: bool = False) -> tuple[np.ndarray, Image]:
+        image = m.image(z, loose)
         return defect(m, z, image, spin), image
 
+    def derivative(z: np.ndarray) -> np.ndarray:
+        return system(m, *m.jacobian(z, roughly=True), free)
+
     free = spin is None
-    root = newton(value, z, lambda z: system(m, *m.jacobian(z), free), target(m, free), known)
+    root = newton(value, z, derivative, target(m, free), known, loosely=partial(value, loose=True))
     return fixed_at(m, root.y, root.extra, float(np.abs(root.value).max()))

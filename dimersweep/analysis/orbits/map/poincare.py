@@ -45,6 +45,9 @@ from dimersweep.runs.solving import MAX_ROWS, RECORD_GROWTH, RECORD_ROWS
 
 JOINED = 0.1  # distance of points of one branch on both sides of a change of sequence, in units of the section
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
+# accuracy, at most, of runs of which differences are taken, for the errors of neighbours are nearly the same, or that lead nearer to
+# an orbit from far away
+LOOSE = 1e-10
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
 WHY_NONE = {
@@ -137,9 +140,10 @@ class Recorder:
         _check(status)
         return state, modes, self.passages(reading)[0]
 
-    def images(self, m: "ReturnMap", points: np.ndarray, chained: bool) -> tuple[np.ndarray, Reading]:
+    def images(self, m: "ReturnMap", points: np.ndarray, chained: bool, loose: bool) -> tuple[np.ndarray, Reading]:
         """Images of points of a map, shape (n, k), and what is read off the record; see ``return_map.images``."""
-        own = (m.plain_row, m.section.units, points, m.free, m.of_section, m.modes, m.ask)
+        ask = m.ask_loosely if loose else m.ask
+        own = (m.plain_row, m.section.units, points, m.free, m.of_section, m.modes, ask)
         found = np.empty(points.shape)
 
         def made(record: Record, reading: Reading) -> tuple[int, int]:
@@ -193,10 +197,11 @@ class ReturnMap:
         self.judged: dict[str, tuple[float, float, list[int]]] = {}
         # they balance the error of differences, step^2 of central and step of one-sided ones, with that of the map, rtol/step
         self.step, self.one_sided = self.rtol ** (1 / 3), self.rtol**0.5
+        self.aside = max(self.rtol, LOOSE) ** 0.5  # step of those that only lead nearer to an orbit
         self.free = np.array(free_coordinates(self.modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
         self.of_section = np.array([self.phase, self.back, np.nan if self.spin is None else self.spin])
-        self.ask = ask_for(self.periods, self.rtol)
+        self.ask, self.ask_loosely = (ask_for(self.periods, rtol) for rtol in (self.rtol, max(self.rtol, LOOSE)))
         self._take_row(fill_rows(self.parameters, 1)[0])
 
     def _take_row(self, row: np.ndarray) -> None:
@@ -250,28 +255,35 @@ class ReturnMap:
         _check(status)
         return state
 
-    def image(self, z: np.ndarray) -> Image:
+    def image(self, z: np.ndarray, loose: bool = False) -> Image:
         """The image of a point after the periods of the motion.
 
         It is lost where there is no state at the point, and in another contact.
         """
-        return self.chain(z, 1)[0]
+        return self.chain(z, 1, loose)[0]
 
-    def chain(self, z: np.ndarray, count: int) -> list[Image]:
+    def chain(self, z: np.ndarray, count: int, loose: bool = False) -> list[Image]:
         """The image of a point, that of the image, and so on; lost as `image`."""
         points = np.empty((count, z.size))
         points[0] = z
-        found, reading = self.recorder.images(self, points, True)
+        found, reading = self.recorder.images(self, points, True, loose)
         return [Image(*each) for each in zip(found, self.recorder.passages(reading), strict=True)]
 
-    def images(self, points: np.ndarray) -> np.ndarray:
+    def images(self, points: np.ndarray, loose: bool = False) -> np.ndarray:
         """The images of points, shape (n, k), with the spins in their unit as a last column; each is lost as `image`."""
-        found, reading = self.recorder.images(self, points, False)
+        found, reading = self.recorder.images(self, points, False, loose)
         return np.column_stack([found, reading.rows[:, R_SPIN] / self.unit])
 
-    def jacobian(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), by central differences."""
-        rows = self.differences(z)
+    def jacobian(self, z: np.ndarray, roughly: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), by central differences.
+
+        To one side only if they are wanted `roughly`, as for steps of Newton's method: at half the price.
+        """
+        if not roughly:
+            rows = self.differences(z)
+            return rows[:-1], rows[-1]
+        here, *beside = self.images(np.array([z, *(z + self.aside * np.eye(z.size))]), loose=True)
+        rows = (np.array(beside) - here).T / self.aside
         return rows[:-1], rows[-1]
 
     def differences(
@@ -285,7 +297,7 @@ class ReturnMap:
         back = z - steps if senses is None else [z]
         points = np.concatenate([z + steps, back])
         if mark is None:
-            seen = self.images(points)
+            seen = self.images(points, loose=True)
         else:
             along = [self.image(point) for point in points]
             seen = np.array([[*image.point, image.spin / self.unit, mark(self, image)] for image in along])

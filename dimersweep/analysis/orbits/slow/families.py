@@ -6,11 +6,10 @@ after the other. The family is followed on the slow manifold, not on the fixed p
 
 from contextlib import suppress
 from functools import partial
-from itertools import takewhile
+from math import prod
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import BarycentricInterpolator
 
 from dimersweep.analysis.orbits.continuation.following import traced
 from dimersweep.analysis.orbits.continuation.kinds import FOLD
@@ -166,11 +165,11 @@ def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     near = last[0].fixed
     m = near.map
     z = near.z + slow_direction(near)[0] * (spin - near.image.spin) / m.unit
-    same = list(takewhile(lambda one: one.fixed.map.phase == m.phase and one.fixed.z.size == near.z.size, last))
-    if len(same) == THROUGH:
-        z = BarycentricInterpolator([one.spin for one in same], [one.fixed.z for one in same])(spin)
+    same = {one.spin: one.fixed.z for one in last if one.fixed.map.phase == m.phase and one.fixed.z.size == near.z.size}
+    if len(same) == THROUGH:  # the parabola by Lagrange's formula
+        z = sum(prod((spin - s) / (at - s) for s in same if s != at) * there for at, there in same.items())
     if has_fast_part(near):
-        slow_motion = slow_motion_near(m, z, spin, near.matrix, near.gradient)
+        slow_motion = slow_motion_near(near._replace(z=z, image=m.image(z, loose=True)), spin)
     else:
         slow_motion = slow_motion_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
     if np.abs(slow_motion.z - z).max() > NEAR:
@@ -179,7 +178,7 @@ def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     return m.in_own_section(
         orbit,
         slow_motion.image.passage,
-        lambda own, z: on_family(own, slow_motion_near(own, z, spin, *own.jacobian(z))),
+        lambda own, z: on_family(own, slow_motion_near(fixed_at(own, z, roughly=True), spin)),
     )
 
 
@@ -190,7 +189,7 @@ def run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
     """
     for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
         with suppress(OrbitLost):
-            slow_motion = slow_motion_near(there, z, spin, *there.jacobian(z))
+            slow_motion = slow_motion_near(fixed_at(there, z, roughly=True), spin)
             if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= NEAR:
                 return on_family(there, slow_motion)
     raise OrbitLost("the run comes to no orbit")

@@ -347,7 +347,7 @@ def _error(orbit: PeriodicOrbit, rate: float) -> float:
     fixed = orbit.fixed
     m = replace(fixed.map, rtol=10 * fixed.map.rtol)
     try:
-        other = slow_motion_near(m, fixed.z, orbit.spin, fixed.matrix, fixed.gradient)
+        other = slow_motion_near(fixed._replace(map=m), orbit.spin)
     except OrbitLost:
         return float("nan")
     left = max(other.residual, orbit.slow_motion.residual) * m.unit
