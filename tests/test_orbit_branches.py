@@ -118,6 +118,15 @@ def test_a_branch_goes_through_its_fold_and_back(down):
     assert np.abs(told - 1).min() < 1e-3
 
 
+def test_an_orbit_on_its_border_of_stability_is_not_stable_however_its_multiplier_is_rounded(up, down):
+    for kind in ("fold", "flip", "stable_to"):
+        found = orbits.border(kind, "Gamma", over={"e": [0.5, 0.55, 0.6, 0.65, 0.7]}, spin=100.0)
+        assert not found["stable"].values.any()
+        assert found["loses_stability"].values.all()
+    for branch in (up, down):
+        assert not branch["stable"].values[np.isin(names(branch["special"]), ["fold", "flip"])].any()
+
+
 def test_at_a_fold_in_a_plane_nothing_drifts_either():
     """There two multipliers are 1, of which one is that of the spin."""
     branch = orbits.follow(orbits.find(spin=0.0), "Gamma", to=0.7)

@@ -16,7 +16,7 @@ import numpy as np
 from dimersweep.analysis.orbits.borders.curve import REACH, Curve, Found
 from dimersweep.analysis.orbits.continuation.branch import Axis
 from dimersweep.analysis.orbits.continuation.kinds import Bifurcation, change_of
-from dimersweep.analysis.orbits.continuation.specials import Special
+from dimersweep.analysis.orbits.continuation.specials import Special, on_its_border
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
 from dimersweep.analysis.orbits.map.manifold import eigenvector
 from dimersweep.analysis.orbits.map.newton import TOLERANCE, fixed_at, newton, target
@@ -237,11 +237,12 @@ class BifurcationCurve(Curve):
         if not self.sustained:
             fast = np.linalg.eigvals(matrix).astype(complex)
             fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
-            orbit = replace(orbit, multipliers=fast, stable=bool((np.abs(fast) < 1).all()))
+            orbit = replace(orbit, multipliers=fast)
         values = self.multipliers(orbit)
         if not values.size or np.abs(self.kind.away(values)).min() > KINK:
             raise OrbitLost(f"the map has a kink where a {self.kind.name} is looked for")
         value = float(at.y[-1] * self.axis.scale)
+        orbit = on_its_border(self.kind, orbit, self.sustained)
         return Found(orbit, value, replace(at, matrix=matrix), loses=self.kind.is_all(values))
 
     def system(self, m: ReturnMap, near: Found) -> BorderEquations:

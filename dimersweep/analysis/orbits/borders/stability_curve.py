@@ -7,7 +7,7 @@ from typing import ClassVar
 from dimersweep.analysis.orbits.borders.bifurcation_curve import BifurcationCurve
 from dimersweep.analysis.orbits.borders.curve import Curve, Found
 from dimersweep.analysis.orbits.continuation.kinds import kind_words
-from dimersweep.analysis.orbits.continuation.specials import Special
+from dimersweep.analysis.orbits.continuation.specials import Special, on_its_border
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
 from dimersweep.analysis.orbits.map.finding import orbit_at
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
@@ -45,7 +45,7 @@ class StabilityCurve(Curve):
             own = BifurcationCurve(special.kind, *given, sustained=self.sustained)
             with suppress(OrbitLost):
                 return own.taken_up(special)
-        return Found(orbit_of(at.fixed), at.value, at)
+        return Found(on_its_border(special.kind, orbit_of(at.fixed), self.sustained), at.value, at)
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
         ends = ([one.by for one in found], "kind of border by which the stability ends", kind_words())

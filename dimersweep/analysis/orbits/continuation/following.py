@@ -9,7 +9,7 @@ import xarray as xr
 
 from dimersweep.analysis.orbits.continuation.branch import Axis, Point, point_of
 from dimersweep.analysis.orbits.continuation.kinds import FLIP, Kind, kind_words
-from dimersweep.analysis.orbits.continuation.specials import Special, doubled, pitchfork_in, specials
+from dimersweep.analysis.orbits.continuation.specials import Special, doubled, on_its_border, pitchfork_in, specials
 from dimersweep.analysis.orbits.continuation.stability_end import GAP, beyond_gap, furthest, kind_beyond
 from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, LOCATED, steps
 from dimersweep.analysis.orbits.map.finding import units_along
@@ -207,4 +207,7 @@ def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:
 
 def _row(point: Point, special: Special | None = None) -> BranchRow:
     orbit = orbit_of(point.fixed, slow_motion_of(point.fixed))
-    return BranchRow(orbit, point.value, special.kind, special.jump) if special else BranchRow(orbit, point.value)
+    if special is None:
+        return BranchRow(orbit, point.value)
+    orbit = on_its_border(special.kind, orbit, point.axis.spin is None)
+    return BranchRow(orbit, point.value, special.kind, special.jump)

@@ -15,10 +15,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from dimersweep.analysis.orbits.continuation.branch import NEAR_TURN, Equations, Point, lent, point_of, with_derivatives
-from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, PITCHFORK, Kind, change_of
+from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, FOLD, PITCHFORK, Kind, change_of
 from dimersweep.analysis.orbits.continuation.steps import LEAP, LOCATED, SLOW_LEAP, Between, zero
 from dimersweep.analysis.orbits.map.manifold import eigenvector
 from dimersweep.analysis.orbits.map.newton import fixed_at, solve
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
 from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, Image, OrbitLost, ReturnMap
 from dimersweep.kernel.model.layout import D1, FREE, N1
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
@@ -83,6 +84,14 @@ def graze(near: Point) -> tuple[Point, str]:
     at = with_derivatives(at._replace(tangent=opens), np.where(opens >= 0, 1.0, -1.0))
     beyond = at.axis.image(at.map, at.y - at.map.one_sided * opens / np.abs(opens).max())
     return at._replace(mark_slope=opens, grazes=True), beyond.passage.sequence
+
+
+def on_its_border(kind: Kind, orbit: PeriodicOrbit, free: bool) -> PeriodicOrbit:
+    """The orbit of a point of a border: not stable where a multiplier of its fast part has size 1.
+
+    Where the spin is `free`, the multiplier of a fold is the slow one.
+    """
+    return replace(orbit, stable=False) if kind.rows and not (free and kind is FOLD) else orbit
 
 
 class Special(NamedTuple):

@@ -45,8 +45,8 @@ from dimersweep.runs.solving import MAX_ROWS, RECORD_GROWTH, RECORD_ROWS
 
 JOINED = 0.1  # distance of points of one branch on both sides of a change of sequence, in units of the section
 MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
-# accuracy, at most, of runs of which differences are taken, for the errors of neighbours are nearly the same, or that lead nearer to
-# an orbit from far away
+# accuracy, at most, of runs of which central differences are taken, since the errors of neighbours are nearly the same, and of
+# those that lead nearer to an orbit from far away
 LOOSE = 1e-10
 LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
 
@@ -297,7 +297,7 @@ class ReturnMap:
         back = z - steps if senses is None else [z]
         points = np.concatenate([z + steps, back])
         if mark is None:
-            seen = self.images(points, loose=True)
+            seen = self.images(points, loose=senses is None)
         else:
             along = [self.image(point) for point in points]
             seen = np.array([[*image.point, image.spin / self.unit, mark(self, image)] for image in along])

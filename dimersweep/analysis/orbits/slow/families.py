@@ -167,7 +167,7 @@ def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     z = near.z + slow_direction(near)[0] * (spin - near.image.spin) / m.unit
     same = {one.spin: one.fixed.z for one in last if one.fixed.map.phase == m.phase and one.fixed.z.size == near.z.size}
     if len(same) == THROUGH:  # the parabola by Lagrange's formula
-        z = sum(prod((spin - s) / (at - s) for s in same if s != at) * there for at, there in same.items())
+        z = np.sum([prod((spin - s) / (at - s) for s in same if s != at) * there for at, there in same.items()], axis=0)
     if has_fast_part(near):
         slow_motion = slow_motion_near(near._replace(z=z, image=m.image(z, loose=True)), spin)
     else:
