@@ -20,8 +20,8 @@ from dimersweep.parameters import Parameters, dimer_from
 from dimersweep.runs import carrying, solving, starting
 from dimersweep.runs.solving import RunSettings
 from dimersweep.studies.declared import read_declaration
-from dimersweep.studies.making import points_in
 from dimersweep.studies.planning import plan
+from dimersweep.studies.reuse import points_in
 from dimersweep.studies.study import Study
 from dimersweep.studies.sweep import study_of
 from tests.fakes import same_bits
@@ -377,7 +377,7 @@ def test_lines_that_would_be_others_are_not_taken_over(grid, carry, message):
 
 
 def test_blocks_of_another_cube_are_whole_lines(monkeypatch, both):
-    monkeypatch.setattr("dimersweep.studies.making.BLOCK", 4)
+    monkeypatch.setattr("dimersweep.studies.reuse.BLOCK", 4)
     spec = study_of(GRID, carry="both", periods=100)
     found = points_in(both, "both", spec, lambda codes: np.zeros(len(codes), bool))([Tile(0, 40)], spec.stands)
     assert [piece.tile for piece in found] == [Tile(k, k + 10) for k in range(0, 40, 10)]

@@ -90,7 +90,7 @@ def test_parts_that_are_missing_are_made_if_that_is_asked(monkeypatch):
     whole = sweep(GRID)
     files = make_parts(4, [1, 3])
     with monkeypatch.context() as patch:  # part 2 is stopped
-        patch.setattr("dimersweep.studies.making._finished", lambda *_: pytest.fail("stopped"))
+        patch.setattr("dimersweep.studies.making._close", lambda *_: pytest.fail("stopped"))
         with pytest.raises(pytest.fail.Exception):
             sweep(GRID, out="cube.nc", part="2/4")
     with looked_at(Path("cube.part-2-of-4.nc.tiles")) as store:

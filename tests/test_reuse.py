@@ -15,8 +15,8 @@ from dimersweep.kernel.model.layout import ROW_BETA0
 from dimersweep.storage.checking import checksum_of
 from dimersweep.storage.cubefiles import open_cube
 from dimersweep.studies.declared import from_cube
-from dimersweep.studies.making import _places
 from dimersweep.studies.refine import refine
+from dimersweep.studies.reuse import _places
 from dimersweep.studies.search import search
 from tests.fakes import failing, points_made, same_bits
 from tests.seams import another_version, use_kernel

@@ -1,44 +1,30 @@
-"""Make a cube from start to end.
+"""Make a cube in three steps: open its store and crew, fill the store with results, close it into a cube."""
 
-Take points from the output and from other cubes, have the missing ones run, and write the output.
-"""
-
-import json
 import signal
-import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Unpack
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
-from dimersweep.cubes.cube import flatten, signed
-from dimersweep.cubes.results import Finished, Tile, chunks, common, failed, not_ok, not_run, pieces
-from dimersweep.errors import ParameterError, Stopped, StoreError
-from dimersweep.storage.checking import check_unchanged, checksum_of
+from dimersweep.cubes.cube import signed
+from dimersweep.cubes.results import Finished, common
+from dimersweep.errors import ParameterError, Stopped
+from dimersweep.storage.checking import checksum_of
 from dimersweep.storage.cubefiles import open_cube, write_cube
 from dimersweep.storage.files import disk_errors
 from dimersweep.storage.formats import format_of
 from dimersweep.storage.outputs import TABLES, check_ending, check_output
-from dimersweep.storage.provenance import CHECKSUM, PART, as_text, attributes, differences
+from dimersweep.storage.provenance import CHECKSUM, attributes
 from dimersweep.storage.tilestore import TileStore, tile_store
+from dimersweep.studies.reuse import Known, complete_cube, known_points
 from dimersweep.studies.study import Batch, Study
 from dimersweep.work.computing import Crew, settle_way
 from dimersweep.work.options import IN_PASSING, Given, Options, make_options
-
-# points of other cubes that are looked up at a time: the arrays of their indices take some MB, however large the grid
-BLOCK = 1 << 16
-# items of a configuration that say which points there are, and not how each of them is run
-_POINTS = ("grid", "fixed", "refine", PART)
-
-# tells which results of another cube stand, as `Study.stands` does
-Stands = Callable[[np.ndarray, np.ndarray], np.ndarray]
-# looks up the results that another cube has of some ranges of points, and yields those that stand
-Known = Callable[[Iterable[Tile], Stands], Iterator[Finished]]
 
 
 def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
@@ -49,7 +35,41 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
     ParameterError, StoreError, KernelError, PointError, UnfinishedError, Stopped
         See `sweep`.
     """
-    options = make_options(**given)
+    study, options = _part_of(study, make_options(**given))
+    former = complete_cube(study, options)
+    if former is not None:
+        return former
+    settle_way(progress=options.progress)
+    with _opened(study, options) as (store, hired):
+        written = False
+        try:
+            known, origin = known_points(study, options)
+            study = fill(study, hired, known)
+            cube = _close(study, options, store, origin)
+            written = True
+            if options.out is not None and not options.keep_tiles:
+                store.remove()
+        except KeyboardInterrupt as stop:  # while no points were run, its message is empty
+            kept = f"{options.out} is written" if written else store.kept
+            raise Stopped(str(stop) or kept, getattr(stop, "signal", signal.SIGINT)) from None
+    return cube
+
+
+def in_memory(study: Study, options: Options = IN_PASSING) -> tuple[np.ndarray, float]:
+    """Run all points of a study anew; return their results, shape (size,), and the time that they took [s]."""
+    with tile_store(None, study.configuration(), study.size, study.kind) as store, Crew(store, options) as hired:
+        fill(study, hired)
+        return store.read(0, study.size), store.seconds
+
+
+def _part_of(study: Study, options: Options) -> tuple[Study, Options]:
+    """Return a study and its options; where a part is asked for, the study of this part with the part's own output.
+
+    Raises
+    ------
+    ParameterError
+        If the study cannot be cut so, or cannot be extended.
+    """
     if options.part is not None:
         study = study.cut(options.part)
         if options.out is not None:
@@ -57,39 +77,28 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
             options = replace(options, out=options.part.file(options.out))
     if study.grid.columns and options.extend is not None:
         raise ParameterError("extend: is for grids, not for single points")
-    former = _complete_cube(study, options)
-    if former is not None:
-        return former
-    settle_way(progress=options.progress)
-    out, replaces = options.out, options.force or options.retry
+    return study, options
+
+
+@contextmanager
+def _opened(study: Study, options: Options) -> Iterator[tuple[TileStore, Crew]]:
+    """Open the store of a study, locked against other processes, and give it with the crew of its points."""
     with (
-        tile_store(out, study.configuration(), study.size, study.kind, force=options.force) as store,
+        tile_store(options.out, study.configuration(), study.size, study.kind, force=options.force) as store,
         Crew(store, options) as hired,
     ):
-        if out is not None:
+        if options.out is not None:
             # another process may have written the output while this one waited for the lock of the store
-            check_output(out, force=replaces, endings=None)
+            check_output(options.out, force=options.force or options.retry, endings=None)
         for line in store.trouble:
-            # the warning points at user code: level 1 is this function, 2 is sweep, search or refine, 3 is their caller
-            warnings.warn(line, RuntimeWarning, stacklevel=3)
+            # the warning points at user code: 1 to 3 are this function, its context and `make_cube`, 4 is sweep or search
+            warnings.warn(line, RuntimeWarning, stacklevel=5)
         if options.retry and "failed" in store.modes():
             store.drop(study.again)
-        written = False
-        try:
-            known, origin = known_points(study, options)
-            study = conducted(study, hired, known)
-            told = attributes(study.configuration(), study.summary, store.wall) | {"kernel_time_s": store.seconds}
-            cube = _finished(study, options, store, told | origin | dict(options.attrs))
-            written = True
-            if out is not None and not options.keep_tiles:
-                store.remove()
-        except KeyboardInterrupt as stop:  # while no points were run, its message is empty
-            kept = f"{out} is written" if written else store.kept
-            raise Stopped(str(stop) or kept, getattr(stop, "signal", signal.SIGINT)) from None
-    return cube
+        yield store, hired
 
 
-def conducted(study: Study, hired: Crew, known: Sequence[Known] = ()) -> Study:
+def fill(study: Study, hired: Crew, known: Sequence[Known] = ()) -> Study:
     """Run the points that a study asks for and other cubes lack; return the study that labels the results.
 
     Results go into the store of the workers `hired`. `known` looks up the points of other cubes.
@@ -107,16 +116,10 @@ def conducted(study: Study, hired: Crew, known: Sequence[Known] = ()) -> Study:
     return study
 
 
-def in_memory(study: Study, options: Options = IN_PASSING) -> tuple[np.ndarray, float]:
-    """Run all points of a study anew; return their results, shape (size,), and the time that they took [s]."""
-    size = study.size
-    with tile_store(None, study.configuration(), size, study.kind) as store, Crew(store, options) as hired:
-        conducted(study, hired)
-        return store.read(0, size), store.seconds
-
-
-def _finished(study: Study, options: Options, store: TileStore, told: Mapping[str, Any]) -> xr.Dataset:
+def _close(study: Study, options: Options, store: TileStore, origin: Mapping[str, str]) -> xr.Dataset:
     """Return the cube of all results in the store, with its attributes and checksum; write it to the output, if any."""
+    made = attributes(study.configuration(), study.summary, store.wall) | {"kernel_time_s": store.seconds}
+    told = {**made, **origin, **options.attrs}
     out, replaces = options.out, options.force or options.retry
     write_blocks = format_of(out or Path()).write_blocks
     # a cube that may be larger than memory is written block by block, and opened again lazily
@@ -136,187 +139,3 @@ def _finished(study: Study, options: Options, store: TileStore, told: Mapping[st
     if out is not None:
         write_cube(cube, out, force=replaces, scratch=store.scratch, kept=store.kept_if_refused)
     return cube
-
-
-def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str, str]]:
-    """Return what looks up the points of `study` in other cubes, and the attributes that name the extended cube.
-
-    Other cubes are the cube to extend and, at a retry, the cube at the output.
-
-    Raises
-    ------
-    StoreError
-        See `check_alike` and `points_in`.
-    """
-    origin: dict[str, str] = {}
-    known = []
-    paths = [options.extend, options.out if options.retry and options.out and options.out.exists() else None]
-    for path in (each for each in paths if each is not None):
-        cube, name = open_cube(path), str(path)
-        if not study.grid.columns:
-            check_alike(cube, study.configuration(), name)
-        known.append(points_in(cube, name, study, not_ok if options.retry else not_run))
-        if path is options.extend:
-            origin["extends"] = f"{Path(path).name}, configuration sha256 {cube.attrs['configuration_sha256']}"
-    return known, origin
-
-
-def check_alike(cube: xr.Dataset, new: dict[str, Any], name: str) -> None:
-    """Refuse a cube whose points were not run as the configuration `new` would run them.
-
-    Raises
-    ------
-    StoreError
-        If the cube was made with other settings or another kernel; the message lists the differences.
-    """
-    old = json.loads(cube.attrs["configuration"])
-    if not {"grid", "fixed"} <= set(old):
-        raise StoreError(f"{name}: tells a configuration that this version does not know")
-    if ("search" in old) != ("search" in new):
-        one, other = ("a search", "a whole grid") if "search" in old else ("a whole grid", "a search")
-        raise StoreError(f"{name}: is the cube of {one}; it cannot be extended to {other}")
-    swept = {*old["grid"], *new["grid"]}
-
-    def settings(configuration: dict[str, Any]) -> dict[str, Any]:
-        fixed = {key: value for key, value in configuration["fixed"].items() if key not in swept}
-        return {key: value for key, value in configuration.items() if key not in _POINTS} | {"fixed": fixed}
-
-    changes = differences(settings(old), settings(new))
-    lacking = {*old["grid"], *old["fixed"]} ^ {*new["grid"], *new["fixed"]}
-    if lacking:
-        changes.append(f"parameters: {', '.join(sorted(lacking))} in one of them only")
-    if changes:
-        lines = "".join(f"\n  {line}" for line in changes)
-        raise StoreError(f"{name}: cannot be extended to this sweep, as it was made otherwise:{lines}")
-    if "direction" in old["grid"]:  # along a line each run depends on those before it
-        (one, values), (other, theirs) = (list(each["grid"].items())[-1] for each in (old, new))
-        if one != other:
-            raise StoreError(
-                f"{name}: cannot be extended to this sweep, as it carries the state along {one}, not {other}"
-            )
-        if values != theirs:
-            raise StoreError(
-                f"{name}: cannot be extended along {one}, along which it carries the state; its values must be the same"
-            )
-
-
-def _places(old: np.ndarray, new: np.ndarray) -> np.ndarray:
-    """Return the index in `old` of each value of `new`, -1 where `old` has no value with the same bits."""
-    # as floats, since the axis `direction` holds integer codes; their bits are compared as integers
-    there, wanted = (each.astype(float).view(np.int64) for each in (old, new))
-    return pd.Index(there).get_indexer(wanted)
-
-
-def points_in(cube: xr.Dataset, name: str, study: Study, unwanted: Callable[[np.ndarray], np.ndarray]) -> Known:
-    """Return a function that looks up points of a study in `cube`.
-
-    A parameter that is an axis in one of them may be fixed in the other.
-
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        Cube of `sweep`, `search` or `refine`.
-    name : str
-        Name of the cube in messages.
-    study : Study
-    unwanted : callable
-        Returns True for points that are not taken over, shape (n,), from their codes, shape (n, N_CODES).
-
-    Returns
-    -------
-    callable
-        Yields the points of the cube that lie in some ranges, in whole lines.
-
-    Raises
-    ------
-    StoreError
-        If `cube` was changed since it was written, or has none of the points.
-    """
-    check_unchanged(cube, name)
-    grid, line, offset = study.grid, study.line, 0
-    # a point of the study has the number `offset` plus one number for its place on each axis in the cube, -1 if it is
-    # not there; single points have their own numbers, as only the same table (a retry) is looked up
-    along = [np.arange(grid.size)]
-    if not grid.columns:
-        old = json.loads(cube.attrs["configuration"])["grid"]
-        strides, stride, along = {}, 1, []
-        for axis in reversed(old):
-            strides[axis], stride = stride, stride * cube.sizes[axis]
-        for axis in {**grid.axes, **old}:
-            values = grid.axes.get(axis, grid.fixed.get(axis))
-            places = _places(np.atleast_1d(cube[axis].values), np.atleast_1d(np.asarray(values)))
-            if (places < 0).all():
-                raise StoreError(f"{name}: has no point of this sweep ({axis} has none of its values)")
-            numbers = np.where(places < 0, -1, places * strides.get(axis, 0))
-            if axis in grid.axes:
-                along.append(numbers)
-            else:
-                offset += int(numbers[0])
-    results = study.results_of(cube)
-
-    def known(ranges: Iterable[Tile], stands: Stands) -> Iterator[Finished]:
-        for points in chunks(ranges, lambda: BLOCK, line):
-            parts = np.unravel_index(points, grid.shape)
-            columns = [numbers[k] for numbers, k in zip(along, parts, strict=True)]
-            here = np.sum(columns, axis=0) + offset
-            there = np.all([column >= 0 for column in columns], axis=0)
-            there[there] = ~unwanted(results["codes"][here[there]])
-            there[there] = stands(points[there], results[here[there]])
-            # a line is taken whole or not at all, as each of its runs starts from the one before it
-            there = np.repeat(there.reshape(-1, line).all(axis=1), line)
-            yield from pieces(points[there], results[here[there]])
-
-    return known
-
-
-def _complete_cube(study: Study, options: Options) -> xr.Dataset | None:
-    """Return the cube of `study` if it is at the output, with nothing to retry, else None; check the output.
-
-    Raises
-    ------
-    ParameterError, StoreError
-        If there is another cube, or the output cannot be written.
-    """
-    out = options.out
-    written = format_of(out or Path())
-    if not written.write_blocks:
-        study.check_fits()
-    elif not study.by_blocks:
-        raise ParameterError(
-            f"out = {out}: only a sweep of a whole grid with one number for each variable is written as {written.name}; "
-            "give a NetCDF file"
-        )
-    written.check()
-    if out is None:
-        if options.retry and options.extend is None:
-            raise ParameterError("retry: needs an out, or a cube to extend")
-        return None
-    check_output(out, force=True)  # first of all: a place that can never be written to
-    if out.exists() and not options.force:
-        former = _former(out, study)
-        if not options.retry or not failed(flatten(former)[1]).any():
-            if options.progress:
-                print(f"{out}: is complete already; nothing was run", file=sys.stderr, flush=True)
-            return former
-    return None
-
-
-def _former(out: Path, study: Study) -> xr.Dataset:
-    """Return the cube that is at `out` already, if it is the cube that `study` would give.
-
-    Raises
-    ------
-    StoreError
-        If it is another cube, was changed, or cannot be read.
-    """
-    other = "give another name, or force it to be replaced (force=True)"
-    try:
-        cube = open_cube(out)
-        old, new = json.loads(cube.attrs["configuration"]), study.configuration()
-        if as_text(old) == as_text(new):
-            check_unchanged(cube, out)
-            return cube
-    except StoreError as error:
-        raise StoreError(f"out = {out}: exists already, and cannot be used ({error}); {other}") from None
-    changes = "".join(f"\n  {line}" for line in differences(old, new))
-    raise StoreError(f"out = {out}: exists already; {other}. What differs:{changes}")
