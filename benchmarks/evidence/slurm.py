@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Lock
 from typing import Any, NamedTuple
 
 from slurm_driver import sweep
@@ -110,9 +111,21 @@ def in_order(wanted: Sequence[int], counts: Sequence[int]) -> bool:
     return all(each in left for each in wanted)
 
 
-Scene = Callable[[Slurm, dict[int, str]], Came]
+class Bits(dict[int, str]):
+    """The checksum of a sweep by threads, by its number of points; made where it is asked for, by one of those who ask."""
+
+    making = Lock()
+
+    def __missing__(self, points: int) -> str:
+        with self.making:
+            if points not in self:
+                self[points] = sweep(points, progress=False).attrs["values_sha256"]
+        return self[points]
+
+
+Scene = Callable[[Slurm, Bits], Came]
 SCENES: dict[str, tuple[str, Scene]] = {}
-SMALL = ("array", "recipe")
+SMALL = ("small array", "recipe")
 
 
 def scene(name: str, asked: str) -> Callable[[Scene], Scene]:
@@ -135,7 +148,7 @@ TWO = {"adapt": {"minimum_jobs": 2, "maximum_jobs": 2}}
 
 
 @scene("adapt", "`adapt(maximum_jobs=3)`, 10,000 points of 4 ms")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     made = Driver(there, "adapt", MANY, size=ADAPT, linger=60)
     made.wait_for(lambda: made.value("hash"), 240)
     gone = made.wait_for(lambda: made.value("workers") == 0, 60)
@@ -146,7 +159,7 @@ def _(there: Slurm, bits: dict[int, str]) -> Came:
 
 
 @scene("lifetime", "workers that leave after 12 s, `adapt(minimum_jobs=2, maximum_jobs=2)`")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     life = {"worker_extra_args": ["--lifetime", "12s", "--lifetime-stagger", "2s"]}
     made = Driver(there, "lifetime", MANY, size=TWO, cluster=life, how={"out": "cube.nc"}).end(400)
     healed = in_order((2, 1, 2), made.workers)
@@ -155,7 +168,7 @@ def _(there: Slurm, bits: dict[int, str]) -> Came:
 
 
 @scene("stop", "Ctrl-C, 10,000 points; the workers are asked 1 s later")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     made = Driver(there, "stop", MANY, size={"scale": {"jobs": 2}}, wait=2)
     made.wait_for(made.points, 60)
     took, held, words = stopped(made)
@@ -176,7 +189,7 @@ def stopped(made: Driver) -> tuple[float, bool, str]:
 
 
 @scene("recipe", "the page's, `adapt(maximum_jobs=3)`: a job is cancelled, Ctrl-C, another sweep")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     # nothing depends on the pace of the machine: there is work until all that is waited for was seen
     lead = {"job_script_prologue": ["export NUMBA_NUM_THREADS=1", "dimersweep warm"]}
     made = Driver(there, "recipe", ENDLESS, FEW, size=ADAPT, cluster=lead, patience=240, linger=240)
@@ -198,9 +211,18 @@ def _(there: Slurm, bits: dict[int, str]) -> Came:
 
 
 @scene("array", "`--array=1-20` of `run --part`, three of them killed and run again; `merge`")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
-    points, parts, most = (SOME, 20, 3) if SOME in bits else (FEW, 3, 1)
-    folder = there.home / "array"
+def _(there: Slurm, bits: Bits) -> Came:
+    return array(there, bits, SOME, 20, 3)
+
+
+@scene("small array", "the same, of three parts, one of them killed")
+def _(there: Slurm, bits: Bits) -> Came:
+    return array(there, bits, FEW, 3, 1)
+
+
+def array(there: Slurm, bits: Bits, points: int, parts: int, most: int) -> Came:
+    """A sweep of so many points and parts, of which some are killed and run again."""
+    folder = there.home / f"array-{parts}"
     folder.mkdir()
     (folder / "sweep.toml").write_text(
         f'[sweep]\nperiods = 160\nstop_when_settled = false\noutput = "cube.nc"\n'
@@ -282,7 +304,7 @@ for _name, (_asked, _words, _cluster, _size) in WAITING.items():
     @scene(_name, _asked)
     def _(
         there: Slurm,
-        bits: dict[int, str],
+        bits: Bits,
         how: tuple[Any, ...] = (_name.replace(" ", "-"), _words, _cluster, _size),
     ) -> Came:
         name, words, cluster, size = how
@@ -290,14 +312,14 @@ for _name, (_asked, _words, _cluster, _size) in WAITING.items():
 
 
 @scene("give up", "jobs that die at once, `give_up_after=20`")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     die = {"job_script_prologue": ["exit 1"]}
     made = Driver(there, "give-up", FEW, size=ADAPT, cluster=die, how={"give_up_after": 20}).end(60)
     error = made.value("error") or made.text[-300:]
     return Came(error.startswith("given up: no result for 0:00:2"), error[:150])
 
 
-def disturbed(name: str, there: Slurm, bits: dict[int, str], disturb: Callable[[Driver], Any], **asked: Any) -> Came:
+def disturbed(name: str, there: Slurm, bits: Bits, disturb: Callable[[Driver], Any], **asked: Any) -> Came:
     """A sweep with an output that something happens to when it has begun; one that is not done then is begun again."""
     how: dict[str, Any] = {"size": TWO, "how": {"out": "cube.nc"}} | asked
     made = Driver(there, name, SOME, **how)
@@ -317,19 +339,19 @@ def jobs_of(there: Slurm) -> list[str]:
 
 
 @scene("cancel", "`scancel` of a worker's job")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     return disturbed("cancel", there, bits, lambda _: f"job {there.said('scancel', jobs_of(there)[0]) or 'cancelled'}")
 
 
 @scene("requeue", "`scontrol requeue` of a worker's job")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     return disturbed(
         "requeue", there, bits, lambda _: f"job {there.said('scontrol', 'requeue', jobs_of(there)[0]) or 'back'}"
     )
 
 
 @scene("kill -9", "SIGKILL of the driver")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     def kill(made: Driver) -> str:
         made.end(number=signal.SIGKILL)
         there.said("scancel", "--user", there.user.pw_name)
@@ -339,7 +361,7 @@ def _(there: Slurm, bits: dict[int, str]) -> Came:
 
 
 @scene("SIGTERM", "SIGTERM of the driver, as at its time limit")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     def terminate(made: Driver) -> str:
         made.end(20, number=signal.SIGTERM)
         return f"ended with {made.process.returncode}, {'kept' if made.value('stopped') else made.text[-200:]}"
@@ -348,7 +370,7 @@ def _(there: Slurm, bits: dict[int, str]) -> Came:
 
 
 @scene("time limit", "a time limit of a minute for workers' jobs")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     # SLURM looks once a minute, so that a job may have two
     made = Driver(
         there,
@@ -363,7 +385,7 @@ def _(there: Slurm, bits: dict[int, str]) -> Came:
 
 
 @scene("two drivers", "two drivers of one output")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     how: dict[str, Any] = {"size": {"adapt": {"maximum_jobs": 1}}, "how": {"out": "cube.nc"}}
     one = Driver(there, "two", SOME, **how)
     one.wait_for(one.points, 60)
@@ -376,7 +398,7 @@ def _(there: Slurm, bits: dict[int, str]) -> Came:
 
 
 @scene("another Numba", "a worker with another Numba")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     place = there.home / "other"
     pip = [sys.executable, "-m", "pip", "install", "-q", "--target", str(place), "numba==0.67.0"]
     if subprocess.run(pip, check=False, capture_output=True, timeout=300).returncode:
@@ -390,7 +412,7 @@ def _(there: Slurm, bits: dict[int, str]) -> Came:
 
 
 @scene("mpirun", "`mpirun -n 4` with dask-mpi")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     if shutil.which("mpirun") is None:
         raise LeftOut("there is no mpirun")
     folder = there.home / "mpi"
@@ -416,7 +438,7 @@ def _(there: Slurm, bits: dict[int, str]) -> Came:
 
 
 @scene("throughput", "two workers of two threads, beside four threads; 10,000 points of 4 ms, three times each")
-def _(there: Slurm, bits: dict[int, str]) -> Came:
+def _(there: Slurm, bits: Bits) -> Came:
     made = Driver(
         there,
         "throughput",
@@ -433,7 +455,7 @@ def _(there: Slurm, bits: dict[int, str]) -> Came:
     return Came(ratios[1] >= 0.95, f"{ratios[1]:.2f} of their pace (median of {', '.join(f'{r:.2f}' for r in ratios)})")
 
 
-def played(name: str, there: Slurm, bits: dict[int, str]) -> tuple[bool, str]:
+def played(name: str, there: Slurm, bits: Bits) -> tuple[bool, str]:
     """Play a scene: whether it held, and its line of the table."""
     asked, play = SCENES[name]
     try:
@@ -456,10 +478,8 @@ def main() -> int:
     if why := why_not():
         print(f"slurm: left out: {why}")
         return 0
-    names = [name for name in SCENES if (name in SMALL if asked.small else asked.only in name)]
-    sizes = [FEW] if asked.small else [FEW, SOME, MANY]
-    bits = {size: sweep(size, progress=False).attrs["values_sha256"] for size in sizes}
-    failed = 0
+    chosen = SMALL if asked.small else [name for name in SCENES if name not in SMALL[:1] and asked.only in name]
+    failed, bits = 0, Bits()
     with (
         tempfile.TemporaryDirectory(prefix="slurm-", ignore_cleanup_errors=True) as place,
         slurm(Path(place) / "s") as there,
@@ -468,9 +488,9 @@ def main() -> int:
         print("| scene | asked | came | same bits |\n|---|---|---|---|", flush=True)
         together = SMALL if asked.small else (*WAITING, "give up", "time limit")
         with ThreadPoolExecutor(len(together)) as pool:  # these wait most of their time
-            waiting = {name: pool.submit(played, name, there, bits) for name in names if name in together}
+            waiting = {name: pool.submit(played, name, there, bits) for name in chosen if name in together}
         there.said("scancel", "--user", there.user.pw_name)
-        for name in names:
+        for name in chosen:
             begun = time.monotonic()
             held, line = waiting[name].result() if name in waiting else played(name, there, bits)
             there.said("scancel", "--user", there.user.pw_name)
