@@ -147,17 +147,6 @@ ADAPT = {"adapt": {"maximum_jobs": 3}}
 TWO = {"adapt": {"minimum_jobs": 2, "maximum_jobs": 2}}
 
 
-@scene("adapt", "`adapt(maximum_jobs=3)`, 10,000 points of 4 ms")
-def _(there: Slurm, bits: Bits) -> Came:
-    made = Driver(there, "adapt", MANY, size=ADAPT, linger=60)
-    made.wait_for(lambda: made.value("hash"), 240)
-    gone = made.wait_for(lambda: made.value("workers") == 0, 60)
-    three = next((each["at"] for each in made.told if each.get("workers") == 3), None)
-    made.end(number=signal.SIGKILL)
-    held = three is not None and three < COMING and gone
-    return Came(held, f"three jobs after {three} s; none at the end: {gone}", same(made, bits[MANY]))
-
-
 @scene("lifetime", "workers that leave after 12 s, `adapt(minimum_jobs=2, maximum_jobs=2)`")
 def _(there: Slurm, bits: Bits) -> Came:
     life = {"worker_extra_args": ["--lifetime", "12s", "--lifetime-stagger", "2s"]}
@@ -165,15 +154,6 @@ def _(there: Slurm, bits: Bits) -> Came:
     healed = in_order((2, 1, 2), made.workers)
     words = f"finished; workers, as they came and went: {', '.join(map(str, made.workers))}"
     return Came(made.value("hash") is not None and healed, words, same(made, bits[MANY]))
-
-
-@scene("stop", "Ctrl-C, 10,000 points; the workers are asked 1 s later")
-def _(there: Slurm, bits: Bits) -> Came:
-    made = Driver(there, "stop", MANY, size={"scale": {"jobs": 2}}, wait=2)
-    made.wait_for(made.points, 60)
-    took, held, words = stopped(made)
-    made.end(30)
-    return Came(held and took < 3, words)
 
 
 def stopped(made: Driver) -> tuple[float, bool, str]:
@@ -435,6 +415,26 @@ def _(there: Slurm, bits: Bits) -> Came:
         f"{len(text.splitlines())} lines printed",
         "yes" if bits[FEW] in text else f"no ({text[-300:]})",
     )
+
+
+@scene("stop", "Ctrl-C, 10,000 points; the workers are asked 1 s later")
+def _(there: Slurm, bits: Bits) -> Came:
+    made = Driver(there, "stop", MANY, size={"scale": {"jobs": 2}}, wait=2)
+    made.wait_for(made.points, 60)
+    took, held, words = stopped(made)
+    made.end(30)
+    return Came(held and took < 3, words)
+
+
+@scene("adapt", "`adapt(maximum_jobs=3)`, 10,000 points of 4 ms")
+def _(there: Slurm, bits: Bits) -> Came:
+    made = Driver(there, "adapt", MANY, size=ADAPT, linger=60)
+    made.wait_for(lambda: made.value("hash"), 240)
+    gone = made.wait_for(lambda: made.value("workers") == 0, 60)
+    three = next((each["at"] for each in made.told if each.get("workers") == 3), None)
+    made.end(number=signal.SIGKILL)
+    held = three is not None and three < COMING and gone
+    return Came(held, f"three jobs after {three} s; none at the end: {gone}", same(made, bits[MANY]))
 
 
 @scene("throughput", "two workers of two threads, beside four threads; 10,000 points of 4 ms, three times each")
