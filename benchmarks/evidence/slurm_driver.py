@@ -47,7 +47,7 @@ def main(asked: dict[str, Any]) -> None:
         def watch() -> None:
             seen = -1
             while client.status == "running":
-                now = len(client.scheduler_info(n_workers=-1)["workers"])
+                now = len(client.nthreads())
                 if now != seen:
                     seen = now
                     tell(workers=now)
