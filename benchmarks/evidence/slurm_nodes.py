@@ -133,8 +133,11 @@ class Slurm:
         except PermissionError:
             place = self.folder / "python"
             place.mkdir()
-            subprocess.run(["mount", "--bind", sys.base_prefix, str(place)], check=True)
             self.mounted.append(place)
+            # read-only: whoever deletes this folder, before it is unmounted, would delete the interpreter of the whole machine
+            subprocess.run(["mount", "--bind", "-o", "ro", sys.base_prefix, str(place)], check=True)
+            if not os.statvfs(place).f_flag & os.ST_RDONLY:
+                raise RuntimeError(f"{place}: is mounted so that it can be written to; nothing is played") from None
             self.python = place / self.python.relative_to(os.path.realpath(sys.base_prefix))
         program = self.home / "bin" / "dimersweep"
         program.write_text(f'#!/bin/sh\nexec {self.python} -m dimersweep "$@"\n')
@@ -161,7 +164,11 @@ class Slurm:
         return {"user": self.user.pw_uid, "group": self.user.pw_gid, "extra_groups": []}
 
     def end(self) -> None:
-        """End all that was started."""
+        """End all that was started; what is mounted goes first, and no second signal comes between."""
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for each in self.mounted:
+            subprocess.run(["umount", "--lazy", str(each)], check=False)
         with suppress(OSError, subprocess.SubprocessError):
             self.said("scancel", "--full", "--signal=KILL", "--user", USER)
             self.said("scancel", "--user", USER)
@@ -176,8 +183,6 @@ class Slurm:
             except subprocess.TimeoutExpired:
                 each.kill()
                 each.wait()
-        for each in self.mounted:
-            subprocess.run(["umount", "--lazy", str(each)], check=True)
 
     # --- what is done with it -------------------------------------------------------------------------------------------
 
@@ -219,10 +224,12 @@ def slurm(folder: Path) -> Iterator[Slurm]:
     folder.mkdir(parents=True)
     folder.chmod(0o755)
     made = Slurm(folder)
-    before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         made.start()
         yield made
     finally:
         made.end()
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

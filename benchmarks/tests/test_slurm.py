@@ -12,6 +12,7 @@ SCRIPT = Path(__file__).parents[1] / "evidence" / "slurm.py"
 
 @pytest.mark.jit
 @pytest.mark.slow
+@pytest.mark.release  # until the mount of the interpreter, which is read-only now, was tried on a machine that can be lost
 def test_what_happens_on_a_cluster_holds():
     pytest.importorskip("dask_jobqueue")
     if why := why_not():
