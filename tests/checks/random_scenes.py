@@ -2,6 +2,7 @@
 
 import threading
 import time
+from functools import lru_cache
 from math import inf, pi
 from typing import NamedTuple
 
@@ -241,6 +242,12 @@ def harmonics(rng, n, columns, saws):
 
 def rows_of(block, n, seed, domain):
     """Parameter rows of the first `n` scenes of one block; each block has random numbers of its own."""
+    return block_of(block, seed, domain)[:n].copy()
+
+
+@lru_cache(maxsize=100)  # a block takes half a second, for the exponentials of its logarithms
+def block_of(block, seed, domain):
+    """Parameter rows of a block."""
     rng = np.random.default_rng([seed, block])
     away = domain == "far" or (domain in ("mixed", "wider", "whole", *SAWS) and block % 2 == 1)
     if domain == "whole" or domain in SAWS:
@@ -251,12 +258,12 @@ def rows_of(block, n, seed, domain):
         columns |= wider(rng, BLOCK, columns)
     if domain in SAWS:
         columns |= harmonics(rng, BLOCK, columns, SAWS[domain])
-    return fill_rows(columns, BLOCK)[:n]
+    return fill_rows(columns, BLOCK)
 
 
 def scene_row(k, seed, domain):
     """Row of scene number k."""
-    return rows_of(k // BLOCK, BLOCK, seed, domain)[k % BLOCK]
+    return block_of(k // BLOCK, seed, domain)[k % BLOCK].copy()
 
 
 def laboratory_row(k, seed):
