@@ -1,5 +1,7 @@
 """Scenes that the stress suite has found and made simple: each once hung, sank, gained energy or had no answer."""
 
+from math import inf
+
 import pytest
 
 from dimersweep import simulate
@@ -29,11 +31,11 @@ def test_a_slip_that_jams_is_stopped(case):
 @pytest.mark.parametrize("domain", ["near", "far", "whole"])
 def test_random_scenes(domain):
     """A short run of the suite: every scene ends, in few events, and those looked at show nothing wrong."""
-    codes, out, seconds, _ = run_block(rows_of(0, 1000, 7, domain), 5, 1e-8)
+    codes, out, _, work = run_block(rows_of(0, 1000, 7, domain), 5, 1e-8, longest=inf)
     status = codes[:, CODE["status"]]
     assert (status == OK).mean() > 0.98
     assert not lying_nan(codes, out).any()
-    assert seconds.max() < 5.0
+    assert work.max() < 400_000
     looks = [examine(scene_row(k, 7, domain), 5, 1e-8) for k in range(0, 1000, 40) if status[k] == OK]
     assert [lies(look) for look in looks] == [[]] * len(looks)
 
@@ -47,10 +49,10 @@ def test_an_end_that_hardly_presses_leaves(case):
 @pytest.mark.parametrize("number", [7890, 10227, 15342, 252152, 259397])
 def test_hops_without_end(number):
     """Both ends hop at 1 - e below 1e-7, and so faintly that a period has millions of hops: it once ended in `max_events`."""
-    codes, _, seconds, _ = run_block(scene_row(number, 11, "far")[None], 5, 1e-8, longest=10.0)
+    codes, _, _, work = run_block(scene_row(number, 11, "far")[None], 5, 1e-8, longest=inf)
     assert codes[0, CODE["status"]] == OK
     assert codes[0, CODE["n_events"]] < 1_000_000
-    assert seconds[0] < 10.0
+    assert work[0] < 1_200_000
 
 
 @pytest.mark.parametrize("number", [3918, 5406, 5969, 66316])
