@@ -313,10 +313,10 @@ def test_the_phase_of_a_plate_with_harmonics_may_be_any():
     assert found["count"].sel(attractor=names(found["mode"]) == "drift").values.tolist() == [walks.size]
 
 
-@pytest.mark.slow
-def test_shares_of_two_thousand_drawn_angles_are_those_of_the_fine_grid():
+@pytest.mark.parametrize("starts", [400, pytest.param(2000, marks=pytest.mark.release)])
+def test_shares_of_drawn_angles_are_those_of_the_fine_grid(starts):
     over, angles = {"f": [15, 20, 25]}, {"beta0": ("0.01 deg", "89.99 deg")}
-    found = attractors(angles, starts=2000, seed=7, over=over, periods=400, progress=False)
+    found = attractors(angles, starts=starts, seed=7, over=over, periods=400, progress=False)
     walk = found.sel(attractor=found["attractor"][(names(found["mode"]) == "drift").all("f")].item())
     grid = np.array([0.194, 0.278, 0.250])  # of the 4,499 angles of sweeps/fig07.toml
     assert (walk["share_low"].values < grid).all()

@@ -21,7 +21,8 @@ COARSE = {
     "Gamma": {"start": 0.5, "stop": 1.5, "num": 6},
     "beta0": {"start": 0.05, "stop": 1.0, "num": 20},
 }
-SETTINGS = {"over": "beta0", "halvings": {"e": 2, "Gamma": 6}, "periods": 5, "progress": False}
+FINE = {"e": 2, "Gamma": 6}
+SETTINGS = {"over": "beta0", "halvings": {"e": 2, "Gamma": 5}, "periods": 5, "progress": False}
 
 
 @pytest.fixture
@@ -42,7 +43,7 @@ def lumped(cube):
 
 
 def test_a_refined_map_is_the_map_of_the_whole_grid(banded):
-    cube = refine(COARSE, between=["drift", "rest"], **SETTINGS)
+    cube = refine(COARSE, between=["drift", "rest"], **(SETTINGS | {"halvings": FINE}))
     regions, size = brute_regions(COARSE | {name: cube[name].values for name in ("e", "Gamma")})
     xr.testing.assert_equal(lumped(cube), regions)
     assert set(np.unique(regions)) == {"drift", "rest", "other"}
@@ -54,14 +55,14 @@ def test_a_refined_map_is_the_map_of_the_whole_grid(banded):
 
 @pytest.mark.jit
 @pytest.mark.slow
-def test_the_real_map_agrees_point_by_point_with_a_tenth_of_the_runs():
-    grid = {"e": [0.65, 0.7], "Gamma": [0.5, 0.9], "beta0": {"start": 4, "stop": 80, "num": 12, "unit": "deg"}}
+def test_the_real_map_agrees_point_by_point_with_an_eighth_of_the_runs():
+    grid = {"e": [0.65, 0.7], "Gamma": [0.5, 0.9], "beta0": {"start": 4, "stop": 80, "num": 6, "unit": "deg"}}
     cube = refine(grid, between=["drift", "rest"], **(SETTINGS | {"halvings": {"Gamma": 8}, "periods": 100}))
     fine = grid | {"Gamma": cube["Gamma"].values}
     regions, size = brute_regions(fine, periods=100)
     xr.testing.assert_equal(lumped(cube), regions)
     assert len(np.unique(regions)) > 1
-    assert cube["n_runs"].sum() < size / 10
+    assert cube["n_runs"].sum() < size / 8
 
 
 @pytest.mark.parametrize("workers", [1, 4])
@@ -69,7 +70,7 @@ def test_threads_change_nothing(banded, workers):
     xr.testing.assert_equal(refine(COARSE, workers=workers, **SETTINGS), refine(COARSE, workers=2, **SETTINGS))
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_what_was_known_before_changes_nothing(banded, tmp_path, seed):
     out = tmp_path / "map.nc"
     reference = refine(COARSE, out=out, keep_tiles=True, **SETTINGS)
@@ -86,7 +87,7 @@ def test_a_map_is_extended_to_the_bits_of_a_new_one(banded, monkeypatch, tmp_pat
     """From a search on its coarse grid, and from a map that is coarser, on fewer values and told apart otherwise."""
     gammas = np.linspace(0.5, 1.5, 6)
     grid, fewer = COARSE | {"Gamma": gammas}, COARSE | {"Gamma": gammas[1:]}
-    half = SETTINGS | {"halvings": {"e": 1, "Gamma": 4}, "between": ["drift", "rest"]}
+    half = SETTINGS | {"halvings": {"e": 1, "Gamma": 3}, "between": ["drift", "rest"]}
     former = {
         "coarse.nc": search(grid, out=tmp_path / "coarse.nc", over="beta0", periods=5, progress=False),
         "half.nc": refine(fewer, out=tmp_path / "half.nc", **half),
@@ -165,7 +166,7 @@ def test_an_island_beside_a_border_is_seen(monkeypatch):
         return len(rows)
 
     use_kernel(monkeypatch, island_kernel)
-    cube = refine(COARSE, **SETTINGS)
+    cube = refine(COARSE, **(SETTINGS | {"halvings": FINE}))
     drift = np.flatnonzero((names(cube["region"]) == "drift").isel(e=0))
     np.testing.assert_array_equal(drift, [90, *range(92, cube["Gamma"].size)])
     assert cube["computed"].mean() < 0.2
