@@ -544,8 +544,7 @@ class Parameters(_Fields):
 
     def _values(self) -> dict[str, Any]:
         """Return the values of all fields by name, without harmonics that were not given."""
-        every = ((name, getattr(self, name)) for name in PARAMETERS)
-        return {name: value for name, value in every if name not in HIGHER or value is not LEFT_OUT[name]}
+        return {name: value for name, value in vars(self).items() if name not in HIGHER or value is not LEFT_OUT[name]}
 
     def row(self) -> np.ndarray:
         """Return the kernel's row, shape (N_ROW,), float64, in the order of ``kernel.layout.ROW``."""

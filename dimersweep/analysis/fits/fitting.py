@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import islice, product
 from signal import SIGINT
 from threading import current_thread, main_thread
 from typing import Any, NamedTuple, Unpack
@@ -364,13 +364,13 @@ class _Search:
         least = np.flatnonzero(misfits <= misfits[near].min(axis=1))
         return _ordered(found[k] for k in least)[:DESCENTS]
 
-    def slopes(self, point: _Point) -> np.ndarray:
-        """Return the derivatives of the residuals by the parameters in ranges, shape (m, n): central if possible."""
+    def slopes(self, point: _Point, central: bool = True) -> np.ndarray:
+        """Return the derivatives of the residuals by the parameters in ranges, shape (m, n): `central` if possible."""
         columns = []
         for step in SLOPE_STEP * np.eye(point.u.size):
             places = (np.clip(point.u + way, 0, 1) for way in (step, -step))
-            found = (point if (u == point.u).all() else self.at(u, point.orbit) for u in places)
-            ahead, back = (point if each is None else each for each in found)
+            found = (self.at(u, point.orbit) for u in places if (u != point.u).any())
+            ahead, back, *_ = (*islice(filter(None, found), 2 if central else 1), point, point)
             width = (ahead.u - back.u).sum()
             columns.append((ahead.residuals - back.residuals) / (width or 1.0))
         return np.column_stack(columns)
@@ -399,7 +399,7 @@ class _Search:
                 return np.concatenate([known, held])
             here = self.last if self.last is not None and np.array_equal(self.last.u, u) else self.at(u, guess)
             assert here is not None  # slopes are asked for at points whose residuals are finite
-            return self.slopes(here)
+            return self.slopes(here, central=False)  # enough for the solver's steps
 
         ends = {"ftol": ENOUGH, "xtol": enough, "gtol": LEVEL, "max_nfev": most}
         solved = least_squares(residuals, inside, slopes, bounds=(0, 1), **ends)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.fft import fft, fftfreq, next_fast_len
 from scipy.interpolate import CubicSpline
-from scipy.optimize import least_squares
+from scipy.optimize import leastsq
 from scipy.special import exprel
 from scipy.stats import f as variance_ratio
 
@@ -419,5 +419,5 @@ def _refined(s: np.ndarray, place: np.ndarray, rate: float, moving: bool) -> tup
         return _slopes(s, p[0], p[1:].view(complex))
 
     start = np.concatenate([[rate], _solved(_basis(s, rate, moving), place)[0].view(float)])
-    p = least_squares(residual, start, slopes, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+    p = leastsq(residual, start, Dfun=slopes, xtol=1e-14, ftol=1e-14, gtol=1e-14, diag=np.ones(start.size))[0]
     return float(p[0]), p[1:].copy().view(complex)

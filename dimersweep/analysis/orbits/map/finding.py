@@ -320,13 +320,12 @@ def centred(fixed: Fixed) -> Fixed:
 def repeats_after(fixed: Fixed) -> int:
     """Least number of forcing periods after which a motion comes back to its point of the section."""
     m = fixed.map
-    first = m.state(fixed.z)
-    # an end that stays down here may be in the air a period on
-    fast = np.union1d(GAPS_AND_RATES, np.delete(m.free, m.slow))
     for k in range(1, m.periods):
         if m.periods % k == 0:
             state, _ = m.sampled(fixed.image.passage, TURN * k)
-            if np.abs(m.section.point(state) - m.section.point(first))[fast].max() < SAME:
+            # an end that stays down here may be in the air a period on
+            fast = np.union1d(GAPS_AND_RATES, np.delete(m.free, m.slow))
+            if np.abs(m.section.point(state) - m.section.point(m.state(fixed.z)))[fast].max() < SAME:
                 return k
     return m.periods
 

@@ -96,7 +96,7 @@ def newton(
         seen = loosely(y)
         return seen if np.abs(seen[0]).max() > FAR else f(y)
 
-    r, extra = f(y)
+    r, extra = far(y) if known is None else f(y)
     A, fresh, size = known, False, np.abs(r).max()
     for _ in range(NEWTON_STEPS):
         if size <= target:
