@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.analysis.orbits.map.newton import TOLERANCE, Fixed, newton, solve, system
-from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, singular_lost
+from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap, singular_lost
 
 APART = 0.05  # distance of the multipliers of the fast part from 1 below which it is no slower than the spin
 NEAR = 0.05  # of the manifold from the fixed point, in units of the section
@@ -110,21 +110,21 @@ def slow_motion_of(fixed: Fixed) -> SlowMotion:
     if not has_fast_part(fixed):
         return still
     try:
-        slow_motion = slow_motion_near(fixed.beside(lag(fixed)), fixed.image.spin)
+        slow_motion = slow_motion_near(fixed, fixed.z + lag(fixed), fixed.image.spin)
     except OrbitLost:
         return still
     return slow_motion if np.abs(slow_motion.z - fixed.z).max() <= NEAR else still
 
 
-def slow_motion_near(near: Fixed, spin: float) -> SlowMotion:
+def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
     """The motion on the manifold that passes near a point with a spin after its last impact [rad/s]; lost if there is none.
 
-    Where that point goes, and the derivatives, may be known to first order only.
+    It is found with the map and the derivatives of a fixed point nearby.
     """
-    m = near.map
+    m = fixed.map
 
-    def value(begin: np.ndarray, loose: bool = False) -> tuple[np.ndarray, list[Image]]:
-        images = m.chain(begin, 3, loose)
+    def value(begin: np.ndarray, m: ReturnMap = m) -> tuple[np.ndarray, list[Image]]:
+        images = m.chain(begin, 3)
         a, b, c = (image.point for image in images)
         r = c - 3 * b + 3 * a - begin
         r[m.slow] = (images[1].spin - spin) / m.unit
@@ -135,15 +135,10 @@ def slow_motion_near(near: Fixed, spin: float) -> SlowMotion:
         A[m.slow] = gradient @ matrix
         return A
 
-    begin = 2 * near.z - near.image.point  # one period before, at an even pace
-    root = newton(
-        value,
-        begin,
-        lambda z: derivative(*m.jacobian(z, roughly=True)),
-        WEIGHTS * TOLERANCE * m.rtol,
-        derivative(near.matrix, near.gradient),
-        loosely=partial(value, loose=True),
-    )
+    begin = 2 * z - m.loosely.image(z).point  # one period before, at an even pace
+    target, known = WEIGHTS * TOLERANCE * m.rtol, derivative(fixed.matrix, fixed.gradient)
+    loosely = partial(value, m=m.loosely)
+    root = newton(value, begin, lambda z: derivative(*m.jacobian(z, roughly=True)), target, known, loosely=loosely)
     before, here, after = root.extra
     turn, next_turn = (
         one.theta - one.passage.read.turned + two.passage.read.turned for one, two in ((before, here), (here, after))

@@ -25,11 +25,6 @@ class Fixed(NamedTuple):
     gradient: np.ndarray  # of the spin after the last impact, in its unit, shape (n,)
     residual: float  # in units of the section
 
-    def beside(self, away: np.ndarray) -> "Fixed":
-        """What lies beside it, to first order."""
-        there = self.image.point + self.matrix @ away
-        return self._replace(z=self.z + away, image=self.image._replace(point=there))
-
 
 def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float | None) -> np.ndarray:
     """How far the fast part fails to close; in the place of the spin, how far it is from `spin` [rad/s], or closes if None."""
@@ -90,11 +85,10 @@ def newton(
     loosely : callable, optional
         As `f`, from runs that are less accurate: it serves where the value is large.
     """
-    loosely = loosely or f
 
     def far(y: np.ndarray) -> tuple[np.ndarray, Any]:
-        seen = loosely(y)
-        return seen if np.abs(seen[0]).max() > FAR else f(y)
+        seen = (loosely or f)(y)
+        return seen if loosely is None or np.abs(seen[0]).max() > FAR else f(y)
 
     r, extra = far(y) if known is None else f(y)
     A, fresh, size = known, False, np.abs(r).max()
@@ -108,9 +102,8 @@ def newton(
             A, fresh = derivative(y), True
         assert A is not None
         try:
-            y_next, r_next, extra_next = _nearer(
-                far if size > FAR else f, y, -np.linalg.solve(A, r), size, STEP_HALVINGS if derivative else 1
-            )
+            see, step = far if size > FAR else f, -np.linalg.solve(A, r)
+            y_next, r_next, extra_next = _nearer(see, y, step, size, STEP_HALVINGS if derivative else 1)
         except (np.linalg.LinAlgError, OrbitLost) as error:
             if size <= NEAR_ENOUGH * target:
                 return Root(y, extra, r, A)  # as near as the rounding of the map allows
@@ -141,12 +134,10 @@ def _nearer(
     raise lost
 
 
-def fixed_at(
-    m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: float = 0.0, roughly: bool = False
-) -> Fixed:
+def fixed_at(m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: float = 0.0) -> Fixed:
     """A fixed point with the derivatives there."""
     image = m.image(z) if image is None else image
-    matrix, gradient = m.jacobian(z, roughly)
+    matrix, gradient = m.jacobian(z)
     return Fixed(m, z, image, matrix, gradient, residual)
 
 
@@ -158,13 +149,13 @@ def solve(m: ReturnMap, z: np.ndarray, spin: float | None, known: np.ndarray | N
     A `known` derivative of `defect` nearby is what the steps begin with.
     """
 
-    def value(z: np.ndarray, loose: bool = False) -> tuple[np.ndarray, Image]:
-        image = m.image(z, loose)
+    def value(z: np.ndarray, m: ReturnMap = m) -> tuple[np.ndarray, Image]:
+        image = m.image(z)
         return defect(m, z, image, spin), image
 
     def derivative(z: np.ndarray) -> np.ndarray:
         return system(m, *m.jacobian(z, roughly=True), free)
 
     free = spin is None
-    root = newton(value, z, derivative, target(m, free), known, loosely=partial(value, loose=True))
+    root = newton(value, z, derivative, target(m, free), known, loosely=partial(value, m=m.loosely))
     return fixed_at(m, root.y, root.extra, float(np.abs(root.value).max()))

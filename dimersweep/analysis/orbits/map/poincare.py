@@ -140,10 +140,9 @@ class Recorder:
         _check(status)
         return state, modes, self.passages(reading)[0]
 
-    def images(self, m: "ReturnMap", points: np.ndarray, chained: bool, loose: bool) -> tuple[np.ndarray, Reading]:
+    def images(self, m: "ReturnMap", points: np.ndarray, chained: bool) -> tuple[np.ndarray, Reading]:
         """Images of points of a map, shape (n, k), and what is read off the record; see ``return_map.images``."""
-        ask = m.ask_loosely if loose else m.ask
-        own = (m.plain_row, m.section.units, points, m.free, m.of_section, m.modes, ask)
+        own = (m.plain_row, m.section.units, points, m.free, m.of_section, m.modes, m.ask)
         found = np.empty(points.shape)
 
         def made(record: Record, reading: Reading) -> tuple[int, int]:
@@ -197,11 +196,10 @@ class ReturnMap:
         self.judged: dict[str, tuple[float, float, list[int]]] = {}
         # they balance the error of differences, step^2 of central and step of one-sided ones, with that of the map, rtol/step
         self.step, self.one_sided = self.rtol ** (1 / 3), self.rtol**0.5
-        self.aside = max(self.rtol, LOOSE) ** 0.5  # step of those that only lead nearer to an orbit
         self.free = np.array(free_coordinates(self.modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
         self.of_section = np.array([self.phase, self.back, np.nan if self.spin is None else self.spin])
-        self.ask, self.ask_loosely = (ask_for(self.periods, rtol) for rtol in (self.rtol, max(self.rtol, LOOSE)))
+        self.ask = ask_for(self.periods, self.rtol)
         self._take_row(fill_rows(self.parameters, 1)[0])
 
     def _take_row(self, row: np.ndarray) -> None:
@@ -240,6 +238,13 @@ class ReturnMap:
         moved._take_row(row)
         return moved
 
+    @property
+    def loosely(self) -> "ReturnMap":
+        """The map by runs that are less accurate, with the same steps of differences."""
+        loose = copy(self)
+        loose.ask = ask_for(self.periods, max(self.rtol, LOOSE))
+        return loose
+
     def row_at(self, phase: float) -> np.ndarray:
         """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
         return started_at(self.plain_row, phase)
@@ -255,35 +260,36 @@ class ReturnMap:
         _check(status)
         return state
 
-    def image(self, z: np.ndarray, loose: bool = False) -> Image:
+    def image(self, z: np.ndarray) -> Image:
         """The image of a point after the periods of the motion.
 
         It is lost where there is no state at the point, and in another contact.
         """
-        return self.chain(z, 1, loose)[0]
+        return self.chain(z, 1)[0]
 
-    def chain(self, z: np.ndarray, count: int, loose: bool = False) -> list[Image]:
+    def chain(self, z: np.ndarray, count: int) -> list[Image]:
         """The image of a point, that of the image, and so on; lost as `image`."""
         points = np.empty((count, z.size))
         points[0] = z
-        found, reading = self.recorder.images(self, points, True, loose)
+        found, reading = self.recorder.images(self, points, True)
         return [Image(*each) for each in zip(found, self.recorder.passages(reading), strict=True)]
 
-    def images(self, points: np.ndarray, loose: bool = False) -> np.ndarray:
+    def images(self, points: np.ndarray) -> np.ndarray:
         """The images of points, shape (n, k), with the spins in their unit as a last column; each is lost as `image`."""
-        found, reading = self.recorder.images(self, points, False, loose)
+        found, reading = self.recorder.images(self, points, False)
         return np.column_stack([found, reading.rows[:, R_SPIN] / self.unit])
 
     def jacobian(self, z: np.ndarray, roughly: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), by central differences.
 
-        To one side only if they are wanted `roughly`, as for steps of Newton's method: at half the price.
+        To one side if they are wanted `roughly`, as for steps of Newton's method: that is half the work.
         """
-        if not roughly:
+        if roughly:
+            step = max(self.rtol, LOOSE) ** 0.5
+            here, *beside = self.loosely.images(np.array([z, *(z + step * np.eye(z.size))]))
+            rows = (np.array(beside) - here).T / step
+        else:
             rows = self.differences(z)
-            return rows[:-1], rows[-1]
-        here, *beside = self.images(np.array([z, *(z + self.aside * np.eye(z.size))]), loose=True)
-        rows = (np.array(beside) - here).T / self.aside
         return rows[:-1], rows[-1]
 
     def differences(
@@ -297,7 +303,7 @@ class ReturnMap:
         back = z - steps if senses is None else [z]
         points = np.concatenate([z + steps, back])
         if mark is None:
-            seen = self.images(points, loose=senses is None)
+            seen = (self.loosely if senses is None else self).images(points)
         else:
             along = [self.image(point) for point in points]
             seen = np.array([[*image.point, image.spin / self.unit, mark(self, image)] for image in along])

@@ -169,7 +169,7 @@ def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     if len(same) == THROUGH:  # the parabola by Lagrange's formula
         z = np.sum([prod((spin - s) / (at - s) for s in same if s != at) * there for at, there in same.items()], axis=0)
     if has_fast_part(near):
-        slow_motion = slow_motion_near(near._replace(z=z, image=m.image(z, loose=True)), spin)
+        slow_motion = slow_motion_near(near, z, spin)
     else:
         slow_motion = slow_motion_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
     if np.abs(slow_motion.z - z).max() > NEAR:
@@ -178,7 +178,7 @@ def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     return m.in_own_section(
         orbit,
         slow_motion.image.passage,
-        lambda own, z: on_family(own, slow_motion_near(fixed_at(own, z, roughly=True), spin)),
+        lambda own, z: on_family(own, slow_motion_near(fixed_at(own, z), z, spin)),
     )
 
 
@@ -189,7 +189,7 @@ def run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
     """
     for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
         with suppress(OrbitLost):
-            slow_motion = slow_motion_near(fixed_at(there, z, roughly=True), spin)
+            slow_motion = slow_motion_near(fixed_at(there, z), z, spin)
             if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= NEAR:
                 return on_family(there, slow_motion)
     raise OrbitLost("the run comes to no orbit")

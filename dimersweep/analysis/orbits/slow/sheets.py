@@ -347,7 +347,7 @@ def _error(orbit: PeriodicOrbit, rate: float) -> float:
     fixed = orbit.fixed
     m = replace(fixed.map, rtol=10 * fixed.map.rtol)
     try:
-        other = slow_motion_near(fixed._replace(map=m), orbit.spin)
+        other = slow_motion_near(fixed._replace(map=m), fixed.z, orbit.spin)
     except OrbitLost:
         return float("nan")
     left = max(other.residual, orbit.slow_motion.residual) * m.unit
