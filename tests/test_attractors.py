@@ -147,6 +147,14 @@ def test_the_base_case_rests_or_drifts_as_a_sweep_of_the_same_starts_says(base):
     assert bool(base["confirmed"].all())
 
 
+def test_intervals_have_the_confidence_that_is_asked_for():
+    found = attractors({"beta0": ("1 deg", "60 deg")}, starts=20, seed=3, level=0.6, **ROW)
+    for end in (found["share_low"], found["share_high"]):
+        expected = NormalDist().inv_cdf(0.8) ** 2 * end * (1 - end) / 20
+        assert_allclose((found["share"] - end) ** 2, expected, rtol=1e-9)
+    assert (found["share_low"] < found["share"]).all() and (found["share"] < found["share_high"]).all()
+
+
 def test_the_orbit_of_an_attractor_is_that_of_orbits_at_its_spin(base):
     one = base.sel(attractor=2)
     orbit = orbits.find(spin=float(one["spin"]))

@@ -35,6 +35,9 @@ def in_an_empty_folder(empty_folder):
     angles = 2 * np.pi * TIMES / 34.96
     places = [4.015 * np.cos(angles), 4.015 * np.sin(angles)]
     np.savetxt("track.csv", np.column_stack([TIMES, *places]), delimiter=",", header="t [s],x [m],y [m]", comments="")
+    t = np.arange(8000) / 2000
+    plate = -9 * np.sin(94 * t) - 0.3 * np.sin(188 * t + 1)
+    np.savetxt("plate.csv", np.column_stack([t, plate]), delimiter=",", header="t [s],z [m/s2]", comments="")
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------
@@ -48,8 +51,30 @@ TABLES = [  # commands that print tables
     ["later", "--spin", "100", "--seconds", "3h", *DIMER],
     ["lyapunov", "--Gamma", "3", "--before", "60", "--periods", "40", "--all"],
     ["power", "--before", "40", "--periods", "20"],
+    ["waveform", "plate.csv"],
     FIT,
 ]
+# units of what tables show, by its name
+SHOWN_UNITS = {
+    **dict.fromkeys(("radius", "path_radius"), "m"),
+    **dict.fromkeys(("period", "event time error", "rtol decides a slip at", "slow_time"), "s"),
+    **dict.fromkeys(("speed", "path_speed", "velocity of the centre", "both ends stay down, speed"), "m/s"),
+    **dict.fromkeys(("zeta", "phase"), "rad"),
+    **dict.fromkeys(("spin", "spin_low", "spin_high", "precession_rate"), "rad/s"),
+    **dict.fromkeys(("state error", "impact_phase", "intensity", "its error"), "1"),
+    "exponent": "1/s",
+    "power": "W",
+    "e": "",
+}
+ERRORS = {"lyapunov": "1/s", "waveform": "rad"}  # units of a column of errors
+
+
+def units_shown_in(heads, rows):
+    """The unit of each column of numbers, or, where units have a column of their own, of each row."""
+    if "unit" in heads:
+        where = heads.index("unit")
+        return {row[0]: row[where].replace(" s-1", "/s") for row in rows if len(row) > where}
+    return {name: unit.rstrip("]") for name, _, unit in (head.partition(" [") for head in heads) if unit}
 
 
 @pytest.mark.parametrize("arguments", TABLES, ids=lambda words: " ".join(words[:3]))
@@ -62,6 +87,9 @@ def test_a_table_is_printed_whole_at_any_width(arguments, done, capsys, monkeypa
     done(*arguments)
     assert printed
     for heads, rows in ([[*heads], [[*row] for row in rows]] for heads, rows in printed):
+        shown = units_shown_in(heads, rows)
+        known = SHOWN_UNITS | {"error": ERRORS.get(arguments[0])}
+        assert shown == {name: known[name] for name in shown}
         for width, terminal in ((40, True), (80, True), (40, False), (300, True)):
             monkeypatch.setenv("COLUMNS", str(width))
             monkeypatch.setattr(sys.stdout, "isatty", lambda terminal=terminal: terminal, raising=False)
