@@ -3,6 +3,7 @@
 import pickle
 import re
 import signal
+from math import erfc
 
 import numpy as np
 import pytest
@@ -193,6 +194,16 @@ def test_an_error_is_that_of_the_datum_over_the_slope():
     fit = fits.fit({"radius": (orbits.find(e=0.65).radius, 0.01)}, {"e": (0.55, 0.75)})
     assert fit.errors["e"] == pytest.approx(abs(0.01 / slope), rel=1e-3)
     assert fit.singular_values[0] == pytest.approx(0.2 / fit.errors["e"])
+
+
+def test_the_probability_of_a_misfit_is_that_of_the_data_less_the_free_parameters():
+    """Two values and a free parameter leave one degree of freedom: the square of one normal deviation."""
+    orbit = orbits.find(e=0.65)
+    measured = {"radius": (orbit.radius + 0.02, 0.01), "zeta": (orbit.zeta + 0.002, 0.001)}
+    fit = fits.fit(measured, {"e": (0.55, 0.75)})
+    assert 0.1 < fit.chi_square < 30
+    assert fit.probability == pytest.approx(erfc((fit.chi_square / 2) ** 0.5), rel=1e-9)
+    assert fit.possible == (fit.chi_square < 9)
 
 
 def test_tracks_of_runs_give_restitution_and_spin():
