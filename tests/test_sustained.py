@@ -172,6 +172,16 @@ def test_a_motion_goes_round_a_cycle_as_a_run_does(cycle):
         orbits.later(orbit, periods=np.inf)
 
 
+def test_a_leap_goes_from_where_a_motion_is_before_it_to_where_it_is_after_it():
+    orbit = orbits.find(spin=145.0, **TO_AND_FRO)
+    leaps = orbits.later(orbit, periods=6000).leaps
+    assert len(leaps) == 2 and 0 < leaps[0].after < leaps[1].after < 6000
+    for leap, falls in zip(leaps, (False, True), strict=True):
+        before = orbits.later(orbit, periods=leap.after - 1e-3)
+        assert (leap.spin[0], leap.radius[0]) == pytest.approx((before.spin, before.radius), abs=1e-4)
+        assert (before.spin < 145) == falls
+
+
 def test_what_cannot_be_followed_is_refused():
     orbit = orbits.find(spin=170.0, **CHOSEN)
     with pytest.raises(ParameterError, match="the orbit has its own"):
