@@ -94,8 +94,8 @@ class Run(RunNumbers):
         passes; NaN if the motion has not settled. For a drift, the spin after the double impact is fitted over the last
         20 periods. For other modes it is the spin at the ends of the last 24 periods, in whole periods of the motion.
     longest_hop_1, longest_hop_2 : float
-        Longest time that each end is off the plate without a break [forcing periods], of the hops that ended in the
-        periods of `down_share_1` or go on at the end. From 0.5 on a ball counts as flying.
+        Longest time that each end is off the plate without a break [forcing periods]. Hops count that ended in the
+        periods of `down_share_1`, or go on at the end. From 0.5 on a ball counts as flying.
     change_ahead : float
         Largest change that the numbers of a run would still make in the periods that were asked for and not run,
         extrapolated; 0 of a run that made them all, or rests. It is relative for the orbit's radius, period, speed and
@@ -273,8 +273,8 @@ class Run(RunNumbers):
         Raises
         ------
         ParameterError
-            If nothing was recorded, a time is no number or outside the run, or a phase of contact before it is so long
-            that it takes more steps than allowed.
+            If nothing was recorded, or a time is no number or outside the run. Also if the phase of contact before a
+            time is so long that it takes more steps than allowed.
 
         Examples
         --------
