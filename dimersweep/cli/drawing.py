@@ -177,6 +177,7 @@ def check_kind(declared: "Declaration", study: "Study") -> None:
     Raises
     ------
     ParameterError
+        If the kind does not fit the axes, or lacks what it draws.
     """
     from dimersweep.plots.checking import check
 
@@ -199,6 +200,7 @@ def check_picture_of(configuration_sha256: str, picture: Path, *, force: bool) -
     Raises
     ------
     StoreError
+        If there is another file, and not `force`.
     """
     from dimersweep.storage.outputs import check_output
 

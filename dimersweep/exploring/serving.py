@@ -126,7 +126,7 @@ class _Answer(BaseHTTPRequestHandler):
 
 
 def _as_json(way: Any, asked: dict[str, str]) -> str:
-    """Return the answer of `way` to a request as JSON, or the error message of a bad request."""
+    """Return the answer of a handler `way` to a request as JSON, or the error message of a bad request."""
     try:
         return json.dumps(way(asked))
     except UserError as error:

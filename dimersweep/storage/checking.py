@@ -116,6 +116,7 @@ def check_configured(cube: xr.Dataset, path: str | os.PathLike[str]) -> None:
     Raises
     ------
     StoreError
+        If the points differ; the message has the axes of the cube.
     """
     if not _has_declared_axes(cube):
         points = " x ".join(f"{name} ({n})" for name, n in cube["mode"].sizes.items()) or "one point"

@@ -112,6 +112,7 @@ def refuse_input(out: Path, given: Path) -> None:
     Raises
     ------
     ParameterError
+        If both are one file.
     """
     if out.exists() and given.exists() and out.samefile(given):
         raise ParameterError(f"out = {_shown(out)}: would replace what is read; give another name")

@@ -192,6 +192,7 @@ def check_attrs(attrs: Any) -> dict[str, Any]:
     Parameters
     ----------
     attrs : mapping of str to str, int, float or a list of numbers, optional
+        The attributes; none by default.
 
     Raises
     ------

@@ -235,6 +235,7 @@ def read_sections(
     Parameters
     ----------
     path : Path
+        The file, TOML.
     whole : type
         Type of the file: a model with a field for each section.
     check_whole : callable
@@ -319,6 +320,7 @@ def make(
     Parameters
     ----------
     declared : Declaration
+        The declaration.
     out : path-like, optional
         File of the cube.
     periods, rtol : int, float, optional
@@ -363,6 +365,7 @@ def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> De
     Parameters
     ----------
     path : path-like
+        The cube.
     other_kernel : bool
         If True, a cube of another kernel version is accepted, though its numbers may differ in the last digits.
 

@@ -128,7 +128,7 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
 
 
 def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[Ends]:
-    """Yield both ends of each loop of one line, from modes and periods of shape (2, n): up, down."""
+    """Yield both ends of each loop of one line; modes and periods have the shape (2, n), the way up first."""
     known = np.flatnonzero(~np.isin(mode, OPEN).any(axis=0))
     values, mode, period = values[known], mode[:, known], period[:, known]
     for first, stop in runs((mode[UP] != mode[DOWN]) | (period[UP] != period[DOWN])):

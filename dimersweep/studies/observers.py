@@ -55,7 +55,7 @@ class Ran(NamedTuple):
 
 
 class Observer(ABC):
-    """Something that is recorded of each point besides the numbers of its run; the base of all observers."""
+    """An addition to the result of each point, besides the numbers of its run; the base of all observers."""
 
     # parts of a run that the observer needs: "end", "record" or both; with any of them points are run one by one
     needs: ClassVar[frozenset[str]] = frozenset()
@@ -85,6 +85,7 @@ class Observer(ABC):
         Parameters
         ----------
         ran : Ran
+            Runs that are over.
         space : Workspace
             Scratch arrays for further runs. If a stop is set there meanwhile, the results are not used.
         """

@@ -298,7 +298,7 @@ def _taken_apart(given: Any) -> tuple[Any, dict[str, Any]]:
 
 @dataclass(frozen=True, eq=False)
 class OwnObserver(Observer):
-    """An observer of a user's own: ``f(run)`` returns a mapping.
+    """An observer of a user's own: a function of a run that returns a mapping of names to numbers.
 
     Parameters
     ----------

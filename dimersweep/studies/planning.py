@@ -29,6 +29,7 @@ class Plan:
     Parameters
     ----------
     study : Study
+        The whole study.
     done, workers : int
         Number of points that are finished already, and of threads of the run to come.
     sample : Sample

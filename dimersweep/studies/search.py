@@ -39,6 +39,7 @@ class Search(Study):
     Parameters
     ----------
     question : Question
+        The question, the same at all points.
     hints : mapping of int to sequence of int
         Indices on the searched axis that are tried first, for each point by its number. They are set anew for each
         batch and are no part of the configuration.

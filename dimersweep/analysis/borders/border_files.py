@@ -204,6 +204,7 @@ def make_borders(
     Parameters
     ----------
     declared : Borders
+        The declaration.
     out : path-like, optional
         NetCDF file; by default no file is written.
     force : bool

@@ -291,7 +291,7 @@ def _ordered(points: Iterable[_Point]) -> list[_Point]:
 
 
 class _Search:
-    """A search of the ranges for the best point, in units of the ranges; keeps the last and the best point."""
+    """A search for the best point in units of the ranges, which keeps the last point and the best one."""
 
     def __init__(self, likelihood: Likelihood, tally: Tally) -> None:
         self.likelihood = likelihood

@@ -84,7 +84,7 @@ class Likelihood:
             spins += [float(column[names.index("spin")]) for column in columns if "spin" in names]
         f = self.high[self.names.index("f")] if "f" in self.names else self.fixed.get("f", BASE["f"])
         for value in spins:
-            checked_spin(value, {"f": float(f)})  # at the greatest frequency
+            checked_spin(value, {"f": float(f)})  # at the greatest frequency, where the greatest spin is highest
         lower = np.linalg.cholesky(self.measured.covariance)
         self.whitening = np.linalg.inv(lower)
         self.constant = -float(np.log(np.diag(lower)).sum()) - 0.5 * len(lower) * float(np.log(2 * np.pi))

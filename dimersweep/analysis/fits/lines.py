@@ -21,7 +21,7 @@ FEW_MISSING = 2
 # periods between the knots of a trend, and means of the record from knot to knot: each covers a quarter of a period
 TREND, TREND_PARTS = 4, 16
 # height of a clear line over the median of this number of bins on each side: noise alone reaches it in one of 1e11
-# bins, since its amplitude in a bin has the median 1.18 sigma, and exceeds 6 * 1.18 sigma with a probability of exp(-25)
+# bins, since its amplitude in a bin has the median 1.18 sigma, and exceeds 6 * 1.18 sigma with probability exp(-25)
 CLEAR, BINS_BESIDE = 6.0, 20
 # bins beside a line in which no other line is looked for: a Hann window widens a line to two on each side
 NEAR_LINE = 3

@@ -18,7 +18,7 @@ CORNERS = 181  # corners of an ellipse, every 2 degrees
 # then reaches the next point
 OVERLAP = 12.0
 TO_NEIGHBOUR = 8  # ellipses from a point of a valley to its neighbour: this close they have a smooth edge together
-# distance within which points are neighbours, over their distance to the nearest one: it is 2 where parts of a valley meet
+# distance within which points are neighbours, over that to the nearest one: it is 2 where parts of a valley meet
 NEIGHBOURS = 2.5
 
 
