@@ -57,8 +57,8 @@ class Question:
     def stands(self, result: np.void, hints: Sequence[int]) -> bool:
         """Return True if `hints` would give this result bit for bit, the counts of its runs included.
 
-        The result was found with unknown hints. It stands if no hint is used, if all values were run, or if the first
-        value decided and is the first one of these hints, too.
+        The result was found with unknown hints. It stands if no hints are used, or if all values were run. It also
+        stands if its only run decided, and `hints` try this value first, too.
         """
         alone = result["counts"].sum() == 1 and result["decider"] - 1 == self.order(hints)[0]
         return bool(not self.led or not result["decider"] or alone)

@@ -113,7 +113,7 @@ class Certify(Observer):
 
 @dataclass(frozen=True)
 class Strobes(Observer):
-    """States at the starts of the `n` forcing periods after the run; NaN where a point has failed."""
+    """States at the ends of the `n` forcing periods after the run; NaN where a point has failed."""
 
     n: int
 

@@ -109,7 +109,7 @@ def sweep(
         If True, each mode gets a `confidence` and each orbit an `error_estimate`, from two more runs of every point
         that settles (docs/trust.md).
     strobes : int
-        If above 0, each run goes on for this number of forcing periods, and the states at their starts are kept; see
+        If above 0, each run goes on for this number of forcing periods, and the states at their ends are kept; see
         `bifurcation`.
     carry : {"up", "down", "both"}, optional
         Carry the state on along the last axis of the grid, from its least value to its greatest, from its greatest to
