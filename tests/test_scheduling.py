@@ -31,7 +31,7 @@ from dimersweep.work import scheduling, stopping, tiles, waiting
 from dimersweep.work.proving import prove
 from dimersweep.work.scheduling import IN_FLIGHT, Pool, run_tasks
 from dimersweep.work.stopping import StopFlag, stoppable
-from dimersweep.work.tiles import Made, attempt
+from dimersweep.work.tiles import TaskResult, attempt
 from dimersweep.work.waiting import Patience
 from tests.fakes import CODE, points_on_disk, raising
 from tests.seams import SteadyPace, no_warm_up, set_clock, set_pace, use_kernel
@@ -148,7 +148,7 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
             time.sleep(0.001)
             with lock:
                 flying.discard(future)
-            future.set_result(Made(blank_results(min(3, points.size))))
+            future.set_result(TaskResult(blank_results(min(3, points.size))))
 
         threading.Thread(target=work).start()
         return future
@@ -323,7 +323,7 @@ def test_an_adaptive_cluster_sees_the_work_that_waits(monkeypatch):
 def test_what_a_task_leaves_undone_is_cut_as_all_else():
     def submit(work, points, seconds, ahead):
         future = Future()
-        future.set_result(Made(blank_results(min(3, points.size)), 1.0))
+        future.set_result(TaskResult(blank_results(min(3, points.size)), 1.0))
         return future
 
     class Learning(SteadyPace):

@@ -15,7 +15,7 @@ from dimersweep.kernel.compiler.jit import compiled, exported, plain
 from dimersweep.kernel.contact import coordinates, forces, phase, step_control
 from dimersweep.kernel.contact.contact_mode import CLOSED
 from dimersweep.kernel.contact.events import NO_EVENT, OUT_OF_STEPS, is_failure
-from dimersweep.kernel.course import Ask, contact_of, motion_of, new_workspace
+from dimersweep.kernel.course import RunRequest, contact_of, motion_of, new_workspace
 from dimersweep.kernel.flight import free_motion
 from dimersweep.kernel.flight import landing as landings
 from dimersweep.kernel.impact import impact, single_impact
@@ -170,7 +170,7 @@ def loop(verb, rows, scene, states, modes, option, rtol, turns, space, record, a
     """
     motion = motion_of(space.state, space.modes, space.past, space)
     state, mode, work = motion.state, motion.modes, motion.work
-    ask = Ask(1, rtol, rtol, False, False)
+    ask = RunRequest(1, rtol, rtol, False, False)
     dm = space.dimer[0]
     for _ in range(turns):
         last = -1

@@ -11,7 +11,7 @@ from dimersweep.cubes.results import Field
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import OUT, ROW
-from dimersweep.studies.observers import Observer, Ran
+from dimersweep.studies.observers import FinishedRuns, Observer
 from dimersweep.symbols import QUANTITIES
 
 
@@ -31,7 +31,7 @@ class Sustained(Observer):
         """Return the switch of `sweep` that asks for this observer."""
         return {"sustained": True}
 
-    def observe(self, ran: Ran, space: Workspace) -> None:
+    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
         """Compute the sustained spins of each point, and record their number and the attracting circle."""
         for row, result in zip(ran.rows, ran.results, strict=True):
             if is_stopped(space):

@@ -9,7 +9,7 @@ from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Accuracy, Force, in_lines, number_option, option, typed, with_parameters
 from dimersweep.cli.printing import Printer, print_table, telling
 from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
-from dimersweep.runs.outcomes import Absent
+from dimersweep.runs.outcomes import MissingValue
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def _as_dict(run: "Run") -> dict[str, Any]:
     return {
         "parameters": stated(run.parameters),
         **{name: getattr(run, name) for name in names},
-        "orbit": None if isinstance(run.orbit, Absent) else asdict(run.orbit),
+        "orbit": None if isinstance(run.orbit, MissingValue) else asdict(run.orbit),
     }
 
 

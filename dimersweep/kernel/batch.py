@@ -6,7 +6,7 @@ import numpy as np
 
 from dimersweep.kernel.compiler.jit import compiled, exported
 from dimersweep.kernel.compiler.records import record_type
-from dimersweep.kernel.course import Ask, Workspace, motion_of, new_workspace
+from dimersweep.kernel.course import RunRequest, Workspace, motion_of, new_workspace
 from dimersweep.kernel.event_loop import evolve, start_state
 from dimersweep.kernel.mean_path import note_path
 from dimersweep.kernel.model.body import set_dimer
@@ -89,7 +89,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
         begin_run(dm, rows[k], starts, k, run)
         # where the heading counts, the verdict on the track needs the path
         path = ask.path or dm.sideways != 0.0
-        run_to_verdict(dm, Ask(ask.periods, ask.rtol, ask.close, ask.settle, path), run, record, outcome, code)
+        run_to_verdict(dm, RunRequest(ask.periods, ask.rtol, ask.close, ask.settle, path), run, record, outcome, code)
         status = OK
         if code.mode == M_UNRESOLVED and ask.periods >= EVIDENCE:
             twin = motion_of(space.twin_state, space.twin_modes, space.later_past, space)
@@ -172,7 +172,7 @@ def follow_with_twin(dm, ask, run, later, twin, record):
     twin.state[PHASE] = TWIN_SHIFT
     begun = int(run.state[PERIOD])
     for stretch in range(max(1, ask.periods // STRETCH_FOR)):
-        further = Ask(begun + STRETCH * (stretch + 1), ask.rtol, ask.close, False, ask.path)
+        further = RunRequest(begun + STRETCH * (stretch + 1), ask.rtol, ask.close, False, ask.path)
         for which in range(2):
             status, _ = evolve(dm, further, later if which == 0 else twin, record)
             if status != OK:
@@ -184,9 +184,9 @@ def follow_with_twin(dm, ask, run, later, twin, record):
     return OK, False
 
 
-def ask_for(periods, rtol, settle=False, path=False) -> Ask:
+def ask_for(periods, rtol, settle=False, path=False) -> RunRequest:
     """Return the request for a run, in the types that the compiled code expects."""
-    return Ask(int(periods), float(rtol), float(rtol), bool(settle), bool(path))
+    return RunRequest(int(periods), float(rtol), float(rtol), bool(settle), bool(path))
 
 
 def stop(space: Workspace) -> None:

@@ -67,7 +67,7 @@ def new_work() -> Scratch:
     return Scratch(rows, one(StepArrays), one(ImpactArrays), one(RootBracket), one(Control), one(Course), meter)
 
 
-class Ask(NamedTuple):
+class RunRequest(NamedTuple):
     """Request for a run: its length, accuracy and results."""
 
     periods: int  # forcing periods at most

@@ -6,7 +6,7 @@ larger than that of the path where zeta is far from a right angle, as it is wher
 """
 
 from dimersweep.kernel.compiler.jit import compiled
-from dimersweep.kernel.course import Ask
+from dimersweep.kernel.course import RunRequest
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.model.body import centre, set_dimer
 from dimersweep.kernel.model.layout import GAMMA, N_STATE, OK, PERIOD, PHASE, THETA, V_RATE, X1, Y1
@@ -56,7 +56,7 @@ def note_path(dm, ask, run, later, space, record, out):
     for k in range(ARCS):
         state[PHASE], state[PERIOD] = TWO_PI - part, 0.0
         set_dimer(space.row, moved)
-        status, _ = evolve(moved, Ask(1, ask.rtol, ask.close, False, True), later, record)
+        status, _ = evolve(moved, RunRequest(1, ask.rtol, ask.close, False, True), later, record)
         if status != OK:
             return status
         start_later(space.row, part)

@@ -1,7 +1,7 @@
 """The return map: whole forcing periods from any state, and the images of points of a section (``section``)."""
 
 from dimersweep.kernel.compiler.jit import compiled, exported
-from dimersweep.kernel.course import Ask, motion_of
+from dimersweep.kernel.course import RunRequest, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.model.body import set_dimer
 from dimersweep.kernel.model.layout import N_ROW, OK, PERIOD, PHASE, ROW_PHI0, SPIN, THETA
@@ -141,7 +141,7 @@ def image(units, z, free, section, modes, ask, space, record, reading, k, found)
         status, before = to_fixed_spin(units, section, ask, space, record, point)
         if status != OK:
             return status
-        begin = Ask(1, ask.rtol, ask.close, ask.settle, ask.path)
+        begin = RunRequest(1, ask.rtol, ask.close, ask.settle, ask.path)
     first_event, first_segment = record.counts[EVENT_ROWS], record.counts[SEGMENT_ROWS]
     reached[0], reached[1] = 0.0, 0.0
     status = move_on(dm, state, reached, begin, space, record)
@@ -166,7 +166,7 @@ def to_fixed_spin(units, section, ask, space, record, point):
     """
     state, reached, none = space.state, space.modes, without_rows(record)
     phase, back, spin = section[0], section[1], section[2]
-    since, before, period = (phase - back) % TWO_PI, 0.0, Ask(1, ask.rtol, ask.close, ask.settle, ask.path)
+    since, before, period = (phase - back) % TWO_PI, 0.0, RunRequest(1, ask.rtol, ask.close, ask.settle, ask.path)
     for k in range(ask.periods):
         state[PHASE] = since if k == 0 else 0.0
         reached[0], reached[1] = 0.0, 0.0

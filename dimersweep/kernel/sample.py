@@ -24,7 +24,7 @@ from dimersweep.kernel.contact.events import (
 )
 from dimersweep.kernel.contact.forces import Contact, contact_rates
 from dimersweep.kernel.contact.phase import sustain_contact
-from dimersweep.kernel.course import Ask, contact_of, motion_of
+from dimersweep.kernel.course import RunRequest, contact_of, motion_of
 from dimersweep.kernel.event_loop import evolve
 from dimersweep.kernel.flight.free_motion import fly, take_off
 from dimersweep.kernel.model.body import end, set_dimer
@@ -137,7 +137,7 @@ def follow_hops(dm, space, segment, motion, span, rtol, record):
     start_later(space.row, start - state[PHASE])
     begin_past(motion.past[0])
     set_dimer(space.row, space.later_dimer[0])
-    status, _ = evolve(space.later_dimer[0], Ask(1, rtol, rtol * rtol * rtol, False, True), motion, record)
+    status, _ = evolve(space.later_dimer[0], RunRequest(1, rtol, rtol * rtol * rtol, False, True), motion, record)
     state[PHASE], state[PERIOD] = start + dm.omega * span, periods
     return status
 

@@ -18,7 +18,7 @@ AS_MADE = "take the point from the cube as it was made"
 LOST_HERE = f"the point has lost it (where it was dropped, renamed, or put together with others); {AS_MADE}"
 
 
-class Behind(NamedTuple):
+class PointSource(NamedTuple):
     """Parameters and settings from which a point of a cube was made.
 
     Attributes
@@ -41,7 +41,7 @@ class Behind(NamedTuple):
     place: int
 
 
-def behind(point: xr.Dataset) -> Behind:
+def behind(point: xr.Dataset) -> PointSource:
     """Return the parameters and settings from which one point of a cube was made.
 
     Raises
@@ -54,7 +54,7 @@ def behind(point: xr.Dataset) -> Behind:
         int(told["periods"]), int(told["max_periods"]), told["rtol"], stop_when_settled=bool(told["stop_when_settled"])
     )
     line, place = _line_of(point, parameters, told["line"]) if "line" in told else (None, 0)
-    return Behind(_reduced(parameters), how, told["kernel"], line, place)
+    return PointSource(_reduced(parameters), how, told["kernel"], line, place)
 
 
 def parameters_of(point: xr.Dataset) -> dict[str, float]:

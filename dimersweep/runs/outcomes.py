@@ -9,7 +9,7 @@ from dimersweep.kernel.model.layout import OrbitNumbers
 from dimersweep.symbols import QUANTITIES, units_shown
 
 
-class Absent:
+class MissingValue:
     """Placeholder of something that a run does not have.
 
     It is false and equal to None. Every attribute and item raises an `AbsentError` that says why it is missing.
@@ -27,7 +27,7 @@ class Absent:
         return False
 
     def __eq__(self, other: object) -> bool:
-        return other is None or (isinstance(other, Absent) and other._why == self._why)
+        return other is None or (isinstance(other, MissingValue) and other._why == self._why)
 
     def __hash__(self) -> int:
         return hash(self._why)
@@ -94,6 +94,6 @@ class Orbit(OrbitNumbers):
         return f"<Orbit: {', '.join(numbers)}, di_end {self.di_end}>"
 
 
-def no_orbit(mode: str) -> Absent:
+def no_orbit(mode: str) -> MissingValue:
     """Return the placeholder for the orbit of a motion of another mode than drift."""
-    return Absent(f"the motion is {mode}, and only a drift has an orbit")
+    return MissingValue(f"the motion is {mode}, and only a drift has an orbit")

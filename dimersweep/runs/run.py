@@ -32,7 +32,7 @@ from dimersweep.kernel.model.layout import (
     RunNumbers,
 )
 from dimersweep.parameters import Parameters
-from dimersweep.runs.outcomes import Absent, Orbit, no_orbit
+from dimersweep.runs.outcomes import MissingValue, Orbit, no_orbit
 from dimersweep.runs.recorded import RunRecord, events_of, made_with, named_state, states_of
 from dimersweep.runs.solving import RunEnd, RunSettings, Solved, check_recorded, exactly, go_on, run_row
 from dimersweep.runs.starting import fitted, kernel_start
@@ -125,7 +125,7 @@ class Run(RunNumbers):
     rtol: float
     n_events: int
     n_periods: int
-    orbit: Orbit | Absent
+    orbit: Orbit | MissingValue
     start: dict[str, float] | None = None
     _record: RunRecord | None = field(default=None)
     _end: RunEnd | None = field(default=None)

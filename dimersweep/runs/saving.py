@@ -19,7 +19,7 @@ from dimersweep.kernel.model.layout import CODES, RUN_COLUMNS
 from dimersweep.kernel.record import N_SEGMENT, SEGMENT_SLIP
 from dimersweep.kernel.verdict.past import PAST_SHAPE
 from dimersweep.parameters import Parameters, updated
-from dimersweep.runs.outcomes import Absent, Orbit, no_orbit
+from dimersweep.runs.outcomes import MissingValue, Orbit, no_orbit
 from dimersweep.runs.recorded import RunRecord
 from dimersweep.runs.solving import RunEnd
 from dimersweep.storage.checking import changed, configuration_of
@@ -81,7 +81,7 @@ def _configuration(fields: Mapping[str, Any], without_rows: list[str]) -> dict[s
     return {
         **{name: fields[name] for name in ("parameters", "start", "rtol")},
         "outcome": {name: fields[name] for name in ("message", *CODES, *RUN_COLUMNS) if name != "di_end"},
-        "orbit": None if isinstance(fields["orbit"], Absent) else asdict(fields["orbit"]),
+        "orbit": None if isinstance(fields["orbit"], MissingValue) else asdict(fields["orbit"]),
         "without_rows": without_rows,
         "record_cut": fields["_record"] is not None and fields["_record"].cut,
         "kernel_version": kernel_version(),

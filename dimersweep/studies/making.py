@@ -23,11 +23,11 @@ from dimersweep.storage.provenance import CHECKSUM, attributes
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.reuse import Known, complete_cube, known_points
 from dimersweep.studies.study import Batch, Study
-from dimersweep.work.computing import Crew, settle_way
-from dimersweep.work.options import IN_PASSING, Given, Options, make_options
+from dimersweep.work.computing import PointRunner, settle_way
+from dimersweep.work.options import IN_PASSING, OptionKeywords, Options, make_options
 
 
-def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
+def make_cube(study: Study, **given: Unpack[OptionKeywords]) -> xr.Dataset:
     """Return the cube of a study: take the points that are known already, and run those that are missing.
 
     Raises
@@ -57,7 +57,7 @@ def make_cube(study: Study, **given: Unpack[Given]) -> xr.Dataset:
 
 def in_memory(study: Study, options: Options = IN_PASSING) -> tuple[np.ndarray, float]:
     """Run all points of a study anew; return their results, shape (size,), and the time that they took [s]."""
-    with tile_store(None, study.configuration(), study.size, study.kind) as store, Crew(store, options) as hired:
+    with tile_store(None, study.configuration(), study.size, study.kind) as store, PointRunner(store, options) as hired:
         fill(study, hired)
         return store.read(0, study.size), store.seconds
 
@@ -81,11 +81,11 @@ def _part_of(study: Study, options: Options) -> tuple[Study, Options]:
 
 
 @contextmanager
-def _opened(study: Study, options: Options) -> Iterator[tuple[TileStore, Crew]]:
+def _opened(study: Study, options: Options) -> Iterator[tuple[TileStore, PointRunner]]:
     """Open the store of a study, locked against other processes, and give it with the crew of its points."""
     with (
         tile_store(options.out, study.configuration(), study.size, study.kind, force=options.force) as store,
-        Crew(store, options) as hired,
+        PointRunner(store, options) as hired,
     ):
         if options.out is not None:
             # another process may have written the output while this one waited for the lock of the store
@@ -98,7 +98,7 @@ def _opened(study: Study, options: Options) -> Iterator[tuple[TileStore, Crew]]:
         yield store, hired
 
 
-def fill(study: Study, hired: Crew, known: Sequence[Known] = ()) -> Study:
+def fill(study: Study, hired: PointRunner, known: Sequence[Known] = ()) -> Study:
     """Run the points that a study asks for and other cubes lack; return the study that labels the results.
 
     Results go into the store of the workers `hired`. `known` looks up the points of other cubes.

@@ -25,7 +25,7 @@ MAX_NUMBERS = 20_000_000
 STROBED = ("gap_1", "gap_2", "gap_1_rate", "gap_2_rate", "theta_rate", "beta_rate")
 
 
-class Ran(NamedTuple):
+class FinishedRuns(NamedTuple):
     """Runs that are over, for observers.
 
     Attributes
@@ -79,7 +79,7 @@ class Observer(ABC):
         """
 
     @abstractmethod
-    def observe(self, ran: Ran, space: Workspace) -> None:
+    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
         """Fill in the fields of this observer in ``ran.results``.
 
         Parameters
@@ -104,7 +104,7 @@ class Certify(Observer):
         """Return the switch of `sweep` that asks for this observer."""
         return {"certify": True}
 
-    def observe(self, ran: Ran, space: Workspace) -> None:
+    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
         """Make the two further runs of each point, and record confidence and error."""
         results = ran.results
         sure = certified(ran.rows, ran.how, results["out"], results["codes"], space)
@@ -131,7 +131,7 @@ class Strobes(Observer):
         """Return the number of strobes, as `sweep` takes it."""
         return {"strobes": self.n}
 
-    def observe(self, ran: Ran, space: Workspace) -> None:
+    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
         """Run each point that is ok once more and `n` periods further, and record its strobes."""
         rtol = ran.how.rtol
         for row, result in zip(ran.rows, ran.results, strict=True):
@@ -158,7 +158,7 @@ class Longer(Observer):
         """Return the number of forcing periods, as `search` takes it."""
         return {"orbit_periods": self.periods}
 
-    def observe(self, ran: Ran, space: Workspace) -> None:
+    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
         """Replace `out` and `codes` of each point by those of the longer run."""
         how = exactly(self.periods, ran.how.rtol)
         ran.results["out"], ran.results["codes"] = run_all_patiently(ran.rows, how, space)
@@ -194,7 +194,7 @@ class Paths(Observer):
         """Return the length and the density of the path, as `search` takes them."""
         return {"paths": vars(self)}
 
-    def observe(self, ran: Ran, space: Workspace) -> None:
+    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
         """Run each point that drifts anew, and record its path and its axial velocity."""
         for row, result in zip(ran.rows, ran.results, strict=True):
             if result["codes"][CODE_MODE] == M_DRIFT:
@@ -223,7 +223,7 @@ class EndStates(Observer):
     slots = Along("slot", np.arange(N_START), Quantity("1", "slot of the state"))
     fields = (Field("end", Quantity("1", "state and friction modes at the end"), along=slots),)
 
-    def observe(self, ran: Ran, space: Workspace) -> None:
+    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
         """Record the end of the run."""
         assert ran.solved is not None  # since `needs` names the end
         ran.results["end"] = ran.solved.onward

@@ -24,7 +24,7 @@ from dimersweep.parameters import Parameters
 from dimersweep.runs.recorded import named_state
 from dimersweep.runs.run import as_run
 from dimersweep.runs.solving import RunSettings, check_recorded, exactly, go_on, run_row
-from dimersweep.studies.observers import MAX_NUMBERS, Observer, Ran
+from dimersweep.studies.observers import MAX_NUMBERS, FinishedRuns, Observer
 from dimersweep.symbols import PARAMETERS, QUANTITIES, SETTINGS, Quantity
 
 DECLARED = "observer_declaration"  # attribute that `observer` sets on the function or class that it marks
@@ -376,7 +376,7 @@ class OwnObserver(Observer):
         result[WHY.name] = why
         result["codes"][CODE_STATUS] = OBSERVER_FAILED
 
-    def observe(self, ran: Ran, space: Workspace) -> None:
+    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
         """Run the observer on each run that is ok, continue the run first where needed, and record its variables."""
         how, here = self.how, self.here
         call = here(**self.arguments) if isinstance(here, type) else partial(here, **self.arguments)

@@ -21,7 +21,7 @@ from dimersweep.studies.making import make_cube
 from dimersweep.studies.observing import OwnObserver
 from dimersweep.studies.search import MIXED, REGIONS, Search
 from dimersweep.studies.study import Batch, Sample
-from dimersweep.work.options import Given, with_options
+from dimersweep.work.options import OptionKeywords, with_options
 
 MAX_HALVINGS = 12  # 4096 intervals of the fine grid in each of the coarse one
 # variables that a point that was not computed takes from a corner of the cell around it
@@ -277,7 +277,7 @@ def refine(
     max_periods: int | None = None,
     rtol: float = 1e-8,
     observe: Any = None,
-    **options: Unpack[Given],
+    **options: Unpack[OptionKeywords],
 ) -> xr.Dataset:
     """Refine a map of regions where its borders are: a search at every point of a fine grid that the borders need.
 

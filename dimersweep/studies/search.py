@@ -19,11 +19,11 @@ from dimersweep.parameters import completed, fill_rows
 from dimersweep.runs.solving import exactly, run_all_patiently, run_settings
 from dimersweep.studies.deciding import A_NOT_RUN, A_UNSURE, A_YES, ANSWER, ASKS, OPEN, Question
 from dimersweep.studies.making import in_memory, make_cube
-from dimersweep.studies.observers import Longer, Observer, Ran, paths_of
+from dimersweep.studies.observers import FinishedRuns, Longer, Observer, paths_of
 from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Batch, Sample, Study
 from dimersweep.symbols import PARAMETERS
-from dimersweep.work.options import Given, with_options
+from dimersweep.work.options import OptionKeywords, with_options
 from dimersweep.work.parts import SweepPart
 
 REGIONS = FLAGS["region"]
@@ -87,7 +87,7 @@ class Search(Study):
                 return k
         return points.size
 
-    def _decided(self, point: int, result: np.ndarray, space: Workspace) -> Ran | None:
+    def _decided(self, point: int, result: np.ndarray, space: Workspace) -> FinishedRuns | None:
         """Search at one point, fill in its result, and return the deciding run.
 
         Returns
@@ -107,10 +107,10 @@ class Search(Study):
         result["answer"], result["counts"] = answer, counts
         if which < 0:  # no run stands for the point: it gets the most frequent mode, and no orbit
             result["codes"][0, [CODE_MODE, CODE_STATUS]] = counts.argmax(), OK
-            return Ran(rows[:0], self.how, result[:0])
+            return FinishedRuns(rows[:0], self.how, result[:0])
         result["out"], result["codes"], result["decider"] = out[which], codes[which], order[which] + 1
         given = here | {self.question.axis: float(self.question.values[order[which]])}
-        return Ran(rows[which : which + 1], self.how, result, given=given)
+        return FinishedRuns(rows[which : which + 1], self.how, result, given=given)
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """Yield the points from coarse to fine, a batch for each wave, with hints from the waves before."""
@@ -290,7 +290,7 @@ def search(
     orbit_periods: int = 0,
     paths: Mapping[str, int] | None = None,
     observe: Any = None,
-    **options: Unpack[Given],
+    **options: Unpack[OptionKeywords],
 ) -> xr.Dataset:
     """Ask a question about one axis at every point of the other axes, and stop at each point when the answer is
     certain.

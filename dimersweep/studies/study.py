@@ -16,7 +16,7 @@ from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.runs.carrying import carried
 from dimersweep.runs.solving import SLOW_MODES, RunSettings, run_patiently
 from dimersweep.storage.provenance import PART
-from dimersweep.studies.observers import Observer, Ran, needs_of
+from dimersweep.studies.observers import FinishedRuns, Observer, needs_of
 from dimersweep.work.parts import SweepPart
 
 # parts that are timed at most: the standard error is 1/14 of the spread of their times then, and more change little
@@ -176,13 +176,13 @@ class Study:
         for observer in self.observers:
             observer.check_here()
 
-    def observed(self, ran: Ran, space: Workspace) -> bool:
+    def observed(self, ran: FinishedRuns, space: Workspace) -> bool:
         """Show runs to all observers; return False if the work was stopped meanwhile."""
         for observer in self.observers:
             observer.observe(ran, space)
         return not (self.observers and is_stopped(space))
 
-    def _runs(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
+    def _runs(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[FinishedRuns]:
         """Run `points` from the first one on, in whole lines where a state is carried; yield the runs."""
         rows = self.grid.rows_at(points)
         has_ways = "direction" in self.grid.axes
@@ -196,16 +196,18 @@ class Study:
             out, codes = blank(len(rows))
             done = run_patiently(rows, self.how, out, codes, until=SLOW_MODES, space=space)
             results["out"][:done], results["codes"][:done] = out[:done], codes[:done]
-            yield Ran(rows[:done], self.how, results[:done])
+            yield FinishedRuns(rows[:done], self.how, results[:done])
 
-    def _carried(self, points: np.ndarray, rows: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[Ran]:
+    def _carried(
+        self, points: np.ndarray, rows: np.ndarray, results: np.ndarray, space: Workspace
+    ) -> Iterator[FinishedRuns]:
         """Run the points of one line, each from the end of the run before it; a line may be a single point."""
         record = "record" in needs_of(self.observers)
         for k, solved in enumerate(carried(rows, self.how, space, record=record)):
             here = slice(k, k + 1)
             results["out"][here], results["codes"][here] = solved.out, solved.codes
             given = self.grid.given(points[k]) if record else None
-            yield Ran(rows[here], self.how, results[here], solved, given)
+            yield FinishedRuns(rows[here], self.how, results[here], solved, given)
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:
         """Yield the batches of points to be run, one after the other; the study of the last one labels all results.

@@ -17,7 +17,7 @@ from dimersweep.studies.making import make_cube
 from dimersweep.studies.observers import Certify, Observer, strobes_of
 from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Study
-from dimersweep.work.options import Given, with_options
+from dimersweep.work.options import OptionKeywords, with_options
 
 
 def study_of(
@@ -72,7 +72,7 @@ def sweep(
     carry: Literal["up", "down", "both"] | None = None,
     sustained: bool = False,
     observe: Any = None,
-    **options: Unpack[Given],
+    **options: Unpack[OptionKeywords],
 ) -> xr.Dataset:
     """Run the dimer at every point of a grid, or at the points of a table.
 

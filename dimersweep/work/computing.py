@@ -20,7 +20,7 @@ from dimersweep.work.warming import get_ready
 ALIKE = 10  # tasks in a row that break off for the same reason: the reason is not in the points then
 
 
-class Trouble(NamedTuple):
+class UnrunPoints(NamedTuple):
     """Points that were left without results, for a reason outside the model."""
 
     first: int
@@ -33,14 +33,14 @@ class Trouble(NamedTuple):
         return self.reason.partition(":")[0]
 
 
-def words_for(troubles: Sequence[Trouble], grid: Grid) -> str:
+def words_for(troubles: Sequence[UnrunPoints], grid: Grid) -> str:
     """Return words such as ``3 points could not be run, such as point 7 (Gamma = 0.9): MemoryError: no room``."""
     first, count = min(troubles), sum(each.points for each in troubles)
     points, such = ("points", ", such as ") if count > 1 else ("point", ": ")
     return f"{count} {points} could not be run{such}{grid.point(first.first)}: {first.reason}"
 
 
-class Crew(ExitStack):
+class PointRunner(ExitStack):
     """Workers for the points that a store lacks: started with the first missing point, closed with the context.
 
     Parameters
@@ -105,7 +105,7 @@ class Crew(ExitStack):
         pace = Pace(left, self._pool.workers, self._pool.demand)
         patience = Patience(self._pool, self._stop, self.options.give_up_after, show=self.options.progress)
         failures: list[tuple[int, str]] = []  # numbers of points that failed, with the reasons
-        troubles: list[Trouble] = []
+        troubles: list[UnrunPoints] = []
         alike = 0  # troubles in a row for the same reason
         try:
             for points, made in run_tasks(self._pool, work, missing, pace, self._stop, patience):
@@ -117,7 +117,7 @@ class Crew(ExitStack):
                     self._shown.add(tally(codes), made.seconds)
                     alike = 0
                 if made.broken:
-                    troubles.append(Trouble(int(points[len(codes)]), made.broken, made.reason))
+                    troubles.append(UnrunPoints(int(points[len(codes)]), made.broken, made.reason))
                     alike = alike + 1 if troubles[-1].sort == troubles[-2:][0].sort else 1
                 if self.options.fail_fast and not_ok(codes).any():
                     row = int(not_ok(codes).argmax())

@@ -17,7 +17,7 @@ from dimersweep.work.parts import SweepPart
 MAX_WORKERS = 4096  # most threads that may be asked for: a larger number is a typing error
 
 
-class Given(TypedDict, total=False):
+class OptionKeywords(TypedDict, total=False):
     """Options as keyword arguments that may be left out; see `sweep`."""
 
     out: str | os.PathLike[str] | None
@@ -56,7 +56,7 @@ def with_options(function: Any, like: Any = None) -> Signature:
     """Return the signature of a function in which its options, or else all keywords of `like`, are named one by one."""
     own = signature(function)
     usual = {each.name: each.default for each in fields(Options)} | {"workers": None, "attrs": None}
-    kinds = Given.__annotations__.items()
+    kinds = OptionKeywords.__annotations__.items()
     if like is None:
         more = [Parameter(name, Parameter.KEYWORD_ONLY, default=usual[name], annotation=kind) for name, kind in kinds]
     else:
@@ -68,7 +68,7 @@ def with_options(function: Any, like: Any = None) -> Signature:
 IN_PASSING = Options(workers=1, progress=False)  # options of a small study within another calculation
 
 
-def make_options(**given: Unpack[Given]) -> Options:
+def make_options(**given: Unpack[OptionKeywords]) -> Options:
     """Check the options that a user gives, see `sweep`; without `workers`, take as many threads as there are cores.
 
     Raises
@@ -79,7 +79,7 @@ def make_options(**given: Unpack[Given]) -> Options:
         For an unknown option.
     """
     for name, value in given.items():
-        if name not in Given.__optional_keys__:
+        if name not in OptionKeywords.__optional_keys__:
             fixed = f"; what is the same at all points goes into fixed = {{{name!r}: {value!r}}}"
             if hasattr(value, "__len__") and not isinstance(value, str):
                 fixed = f"; give the axes as a mapping: {{{name!r}: {value!r}}}"

@@ -22,7 +22,7 @@ from dimersweep.faces import __version__
 from dimersweep.kernel import kernel_version
 from dimersweep.work.proving import is_proven
 from dimersweep.work.stopping import POLL, StopFlag
-from dimersweep.work.tiles import TILE_SECONDS, Made, Work, attempt
+from dimersweep.work.tiles import TILE_SECONDS, TaskResult, Work, attempt
 from dimersweep.work.waiting import MEMORY, Patience, lacks, words_for
 from dimersweep.work.warming import get_ready
 
@@ -45,13 +45,13 @@ LOST = "scheduler: the connection to the cluster is lost; what was finished is k
 
 
 class Pool(NamedTuple):
-    """Where work is done: ``submit(work, points, seconds, ahead)`` gives a future of a `Made`, behind so many others of ours.
+    """Where work is done: ``submit(work, points, seconds, ahead)`` gives a future of a `TaskResult`, behind `ahead` others of ours.
 
     ``workers()`` counts threads; ``stop()`` has tasks end that do not see the flag of this process; ``lacks()`` tells whether
     workers are missing, and ``words()`` who is there; and `demand` is how many tasks it may be given ahead.
     """
 
-    submit: Callable[[Work, np.ndarray, float, int], "Future[Made]"]
+    submit: Callable[[Work, np.ndarray, float, int], "Future[TaskResult]"]
     workers: Callable[[], int]
     stop: Callable[[], None] = lambda: None
     lacks: Callable[[], bool] = lambda: False
@@ -125,7 +125,7 @@ def stop_elsewhere(asker: str) -> None:
     _flags.setdefault(asker, StopFlag()).set()
 
 
-def run_elsewhere(work: Work, points: np.ndarray, seconds: float, asked: tuple[str, str], asker: str) -> Made:
+def run_elsewhere(work: Work, points: np.ndarray, seconds: float, asked: tuple[str, str], asker: str) -> TaskResult:
     """Run points in a worker process, if that has the same kernel as the process that asks, and it works there.
 
     `asked` are the versions of the kernel and of dimersweep in that process.
@@ -208,7 +208,7 @@ def cluster(client: Any) -> Iterator[Pool]:
         unready = list(answers(client.run, is_proven, on_error="return").values()).count(False)
         return words_for(client, there, left, unready)
 
-    def submit(work: Work, points: np.ndarray, seconds: float, ahead: int) -> "Future[Made]":
+    def submit(work: Work, points: np.ndarray, seconds: float, ahead: int) -> "Future[TaskResult]":
         # The task carries its points along: data scattered beforehand could die with a worker. What waits behind others of
         # ours lets those of another driver pass.
         with _connection():
@@ -248,7 +248,7 @@ def _connection() -> Iterator[None]:
         raise UserError(f"{LOST} ({type(error).__name__}: {error})") from error
 
 
-def outcome(future: "Future[Made]", points: int) -> Made:
+def outcome(future: "Future[TaskResult]", points: int) -> TaskResult:
     """What became of a task of so many points: all are broken if the worker died with them.
 
     Raises
@@ -264,12 +264,12 @@ def outcome(future: "Future[Made]", points: int) -> Made:
         raise
     except Exception as error:  # of the machinery: `attempt` catches those of the kernel
         hint = f" {MEMORY}" if type(error).__name__ == "KilledWorker" else ""
-        return Made(blank_results(0), broken=points, reason=f"{type(error).__name__}: {error}{hint}")
+        return TaskResult(blank_results(0), broken=points, reason=f"{type(error).__name__}: {error}{hint}")
 
 
 def run_tasks(
     pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, stop: StopFlag, patience: Patience
-) -> Iterator[tuple[np.ndarray, Made]]:
+) -> Iterator[tuple[np.ndarray, TaskResult]]:
     """Do `work` at the points of `missing`, in tasks as `pace` says, until all are done or `stop` is set, as by `patience`.
 
     What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `TASK_GRACE` seconds to come
@@ -282,8 +282,8 @@ def run_tasks(
     made : Made
         What it brings back.
     """
-    running: dict[Future[Made], np.ndarray] = {}
-    done: SimpleQueue[Future[Made]] = SimpleQueue()  # to wait for each of thousands takes far longer
+    running: dict[Future[TaskResult], np.ndarray] = {}
+    done: SimpleQueue[Future[TaskResult]] = SimpleQueue()  # to wait for each of thousands takes far longer
     undone: deque[np.ndarray] = deque()
     tasks = chunks(missing, lambda: pace.length, work.line)
     while not stop.is_set():

@@ -15,7 +15,7 @@ CHUNK_SECONDS = 0.1  # time of one call of the kernel: a run can be stopped only
 OVERTIME = 2  # factor over its time after which a task returns with the points it has by then, if they are slow
 
 
-class Made(NamedTuple):
+class TaskResult(NamedTuple):
     """The results of a task.
 
     Attributes
@@ -74,7 +74,7 @@ class Work(Protocol):
         """Return a work with these points that is small enough to travel with every task, and their numbers there."""
 
 
-def attempt(work: Work, points: np.ndarray, stop: StopFlag | None = None, seconds: float = TILE_SECONDS) -> Made:
+def attempt(work: Work, points: np.ndarray, stop: StopFlag | None = None, seconds: float = TILE_SECONDS) -> TaskResult:
     """Run points in short calls, for about `OVERTIME` times `seconds`, or up to a point that raises.
 
     Parameters
@@ -111,4 +111,4 @@ def attempt(work: Work, points: np.ndarray, stop: StopFlag | None = None, second
         values = results[name]
         if values.dtype.kind == "f":
             values[np.isnan(values)] = np.nan  # every NaN has the same bits, whatever operation made it
-    return Made(results[:done], perf_counter() - begun, line if reason else 0, reason)
+    return TaskResult(results[:done], perf_counter() - begun, line if reason else 0, reason)

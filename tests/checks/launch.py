@@ -8,7 +8,7 @@ from dimersweep.cubes.cube import blank
 from dimersweep.kernel import event_loop
 from dimersweep.kernel.batch import N_START, run_rows
 from dimersweep.kernel.compiler.jit import exported
-from dimersweep.kernel.course import Ask, new_workspace
+from dimersweep.kernel.course import RunRequest, new_workspace
 from dimersweep.kernel.model.event_row import EVENT
 from dimersweep.kernel.model.layout import CODE_STATUS, FREE, STATUSES
 from dimersweep.kernel.record import EVENT_COUNT, new_record, no_record, rows_of
@@ -33,7 +33,7 @@ def begin(dm, row, state):
 def last_state(row, periods, rtol, close):
     """Status, number of events and last state of a scene whose chatters are closed with an accuracy of their own."""
     record = no_record()
-    status, state = made(row, SCENE, Ask(periods, rtol, close, False, True), record)
+    status, state = made(row, SCENE, RunRequest(periods, rtol, close, False, True), record)
     return status, record.counts[EVENT_COUNT], state
 
 
@@ -59,5 +59,5 @@ class Launched(NamedTuple):
 def launch(row, state, periods, rtol=1e-8, rows=20_000):
     """Run the dimer of a parameter row from a kernel state at the start of a period for some forcing periods."""
     record = new_record(rows, 200)
-    status, last = made(row, np.append(state, [FREE, FREE])[None], Ask(periods, rtol, rtol, False, True), record)
+    status, last = made(row, np.append(state, [FREE, FREE])[None], RunRequest(periods, rtol, rtol, False, True), record)
     return Launched(row, rtol, STATUSES[status], last, *rows_of(record))

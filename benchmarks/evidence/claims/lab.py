@@ -11,7 +11,7 @@ from dimersweep import Run, orbits, search, simulate, sweep
 from dimersweep.analysis.orbits import PeriodicOrbit
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.layout import M_DRIFT, M_NOT_RUN
-from dimersweep.runs.outcomes import Absent, Orbit
+from dimersweep.runs.outcomes import MissingValue, Orbit
 from dimersweep.symbols import BASE
 
 READINGS = {"mu_s": "an end at rest is held by mu_s", "mu": "in lasting contact it is held by mu"}
@@ -36,7 +36,7 @@ def drift_orbit(run: Run) -> Orbit:
     RuntimeError
         If it does not.
     """
-    if isinstance(run.orbit, Absent):
+    if isinstance(run.orbit, MissingValue):
         raise RuntimeError(f"{run!r} was expected to drift")
     return run.orbit
 

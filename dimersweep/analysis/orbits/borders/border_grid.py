@@ -35,7 +35,7 @@ def outwards(shape: tuple[int, ...]) -> list[Index]:
     return sorted(points, key=lambda index: sum(abs(k - m) for k, m in zip(index, middle, strict=True)))
 
 
-class Walk:
+class GridWalk:
     """The points of a curve over a grid: begun in the middle of each line, followed from point to point, and confirmed.
 
     The grid is taken line by line, along the axis of the shortest steps. Each line is begun in its middle, from a branch of
@@ -243,13 +243,13 @@ def border(
     [0.837, 0.787]
     """
     curve = replace(asked(kind, parameter, over, spin, rtol, fixed), sustained=check_switch("sustained", sustained))
-    walk = Walk(curve, start)
+    walk = GridWalk(curve, start)
     if not walk.found:
         raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.told().values()))}")
     return _dataset(walk)
 
 
-def _dataset(walk: Walk) -> xr.Dataset:
+def _dataset(walk: GridWalk) -> xr.Dataset:
     curve, axes, rows = walk.curve, walk.axes, list(walk.found.values())
     cost = {"cost": ([one.cost for one in rows], "forcing periods of the map that the point took")}
     met = list(walk.meetings())
