@@ -45,7 +45,7 @@ LOST = "scheduler: the connection to the cluster is lost; what was finished is k
 
 
 class Pool(NamedTuple):
-    """Where work is done: ``submit(work, points, seconds, ahead)`` gives a future of a `TaskResult`, behind `ahead` others of ours.
+    """Where work is done: ``submit(work, points, seconds, ahead)`` gives a future of a `TaskResult`, behind `ahead` others.
 
     ``workers()`` counts threads; ``stop()`` has tasks end that do not see the flag of this process; ``lacks()`` tells whether
     workers are missing, and ``words()`` who is there; and `demand` is how many tasks it may be given ahead.
