@@ -120,7 +120,7 @@ class Strobes(Observer):
     @property
     def fields(self) -> tuple[Field, ...]:
         """Fields of the strobes: gaps and rates of the state along the dimension `strobe`."""
-        along = Along("strobe", np.arange(self.n), Quantity("1", "forcing periods after the run"))
+        along = Along("strobe", np.arange(self.n), Quantity("1", "number of the forcing period after the run, from 0"))
         states = {name: STATE_QUANTITIES[name] for name in STROBED}
         return tuple(
             Field(f"strobe_{name}", Quantity(units, f"{meaning}, at the start of a forcing period"), along=along)
