@@ -85,11 +85,6 @@ PARTS = {
             settings=(("DIMERSWEEP_COMPILER", "quick"),),
             refused="must be fast or plain",
         ),
-        Row(
-            "numba 0.61",
-            ("--no-deps", "numba==0.61.2", "llvmlite==0.44.0", "numpy==2.2.6"),
-            refused="must be >= 0.62.1",
-        ),
         Row("a numpy that numba refuses", ("--no-deps", "numba==0.62.1", "llvmlite==0.45.1"), refused="NumPy"),
         Row("zarr 3.0", ("zarr==3.0.10",), refused="must be >= 3.1", zarr=True),
     ),

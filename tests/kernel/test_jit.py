@@ -115,7 +115,7 @@ def test_an_operation_is_typed_once_for_all_functions(monkeypatch):
 
     asked = []
     typed = linking._type
-    monkeypatch.setattr(linking, "_typed", {})
+    linking._typed.cache_clear()
     monkeypatch.setattr(linking, "_type", lambda *given: asked.append(given[0].key[0]) or typed(*given))
 
     @compiled
