@@ -2,9 +2,9 @@
 
 import dimersweep
 
-run = dimersweep.simulate(periods=4)
+run = dimersweep.simulate(periods=2)
 assert 0.2 < run.fastest < 3.0
-cube = dimersweep.sweep({"Gamma": [0.8, 0.9]}, periods=4, out="cube.nc", progress=False, workers=1)
+cube = dimersweep.sweep({"Gamma": [0.8, 0.9]}, periods=2, out="cube.nc", progress=False, workers=1)
 assert cube["fastest"].attrs["units"] == "m s-1"
 assert (cube["fastest"] > 0.2).all()
 assert float(cube["fastest"][1]) == run.fastest

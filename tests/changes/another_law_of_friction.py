@@ -14,5 +14,5 @@ assert speed[0] == 0.8
 assert abs(took - 0.15) < 1e-9
 assert run.energy().closure < 1e-9
 
-walk = simulate(periods=4, rtol=1e-9)
+walk = simulate(periods=2, rtol=1e-9)
 assert walk.energy().closure < 1e-8

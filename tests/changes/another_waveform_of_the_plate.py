@@ -6,8 +6,8 @@ import numpy as np
 
 from dimersweep import simulate
 
-run = simulate(Gamma=0.9, periods=5, rtol=1e-9)
-states = run.states(np.linspace(0, run.duration, 200))
+run = simulate(Gamma=0.9, periods=2, rtol=1e-9)
+states = run.states(np.linspace(0, run.duration, 100))
 assert min(states["gap_1"].min(), states["gap_2"].min()) >= -1e-14
 assert run.energy().closure < 1e-8
 
