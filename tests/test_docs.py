@@ -99,10 +99,11 @@ WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding=
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("times", [1, pytest.param(2, marks=pytest.mark.release)])
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
-def test_each_block_of_a_page_runs_by_itself_twice(page, tmp_path, monkeypatch):
-    """Each block by itself, and once more in the folder that it has been run in, if it has left anything there."""
-    for again in (False, True):
+def test_each_block_of_a_page_runs_by_itself(page, times, tmp_path, monkeypatch):
+    """And once more in the folder that it has been run in, if it has left anything there."""
+    for again in range(times):
         examples, names = examples_of(page, [PythonCodeBlockParser(), SkipParser()])
         shared = dict(names)
         assert examples
@@ -110,7 +111,7 @@ def test_each_block_of_a_page_runs_by_itself_twice(page, tmp_path, monkeypatch):
             names.clear()
             names |= shared
             folder = tmp_path / str(number)
-            folder.mkdir(exist_ok=again)
+            folder.mkdir(exist_ok=bool(again))
             monkeypatch.chdir(folder)
             if not again or any(folder.iterdir()):
                 example.evaluate()
