@@ -1,9 +1,10 @@
 """Which tests of ``./go test`` see a mutant of meaning, and in how many seconds: ``python benchmarks/evidence/mutants.py``.
 
 `mutants.toml` lists them: each changes a part of one line of the package, and what it means. A mutant is put into a copy of the
-checkout, where the tests of its file run first, then all others, the quick ones before those that are marked slow, up to the
-first that fails. That must pass without the mutant, else it does not count and the next one is looked for. Tests marked
-`release` are left out, and so are those that compare texts or bits of the kernel: any edit fails them, whatever it means.
+checkout, where the test that has seen it before runs first, then those of its file, then all others, the quick ones before
+those that are marked slow, up to the first that fails. That must pass without the mutant, else it does not count and the next
+one is looked for. Tests marked `release` are left out, and so are those that compare texts or bits of the kernel: any edit
+fails them, whatever it means.
 
 A mutant of the kernel is tried without the JIT first, and then compiled into a cache of its own. Each process that runs the
 package proves its kernel by known bits (`work/proving.py`), which sees any of them: that is left out for the tests, and told
@@ -98,6 +99,7 @@ class Mutant(NamedTuple):
     was: str
     becomes: str
     means: str
+    seen_by: str = ""  # the test that has seen it before
 
 
 class Killed(NamedTuple):
@@ -151,7 +153,7 @@ def first_failure(folder: Path, seconds: float, tests: list[str], settings: dict
         return ""
     command = ["-m", "pytest", "-p", "no:cacheprovider", "-x", "-q", "--tb=no", "-rfE", *tests]
     code, printed = run_in(folder, seconds, command, settings)
-    if code in (None, 0, 5):  # the time is up, all pass, none was chosen
+    if code in (None, 0, 4, 5):  # the time is up, all pass, there is no such test, none was chosen
         return ""
     failed = re.findall(r"^(?:FAILED|ERROR) (.*?)(?: - .*)?$", printed, re.MULTILINE)
     return failed[0] if failed else f"pytest ended with {code}: {printed.strip().splitlines()[-1:]}"
@@ -177,8 +179,12 @@ def rounds(mutant: Mutant, cache: str) -> Iterator[tuple[list[str], dict[str, st
     near, others = files_of(mutant)
     if is_of_kernel(mutant):
         settings = {"DIMERSWEEP_OTHER_PHYSICS": "1", "NUMBA_CACHE_DIR": cache}
-        if plain := [name for name in near if name.startswith("tests/kernel/")]:
-            yield ["-m", "not jit and not release", *plain], {"NUMBA_DISABLE_JIT": "1"} | settings
+    if mutant.seen_by:
+        uncompiled = {"NUMBA_DISABLE_JIT": "1"} if mutant.seen_by.startswith("tests/kernel/") else {}
+        yield ["-m", "not release", mutant.seen_by], uncompiled | settings
+    plain = [name for name in near if name.startswith("tests/kernel/")]
+    if is_of_kernel(mutant) and plain:
+        yield ["-m", "not jit and not release", *plain], {"NUMBA_DISABLE_JIT": "1"} | settings
     yield ["-m", "not release and not slow", *near], settings
     yield ["-m", "not release and slow", *near], settings
     yield ["-m", "not release and not slow", *others], settings
@@ -201,6 +207,13 @@ def killed(mutant: Mutant, folder: Path, seconds: float) -> Killed:
                     taken = monotonic() - begun
                     file.write_text(text, encoding="utf-8")
                     without = {name: value for name, value in settings.items() if name != "NUMBA_CACHE_DIR"}
+                    if (
+                        by
+                        and "::" not in by
+                        and run_in(folder, SECONDS, ["-m", "pytest", "--collect-only", *tests], without)[0]
+                        not in (0, 5)
+                    ):
+                        raise RuntimeError(f"tests cannot be run here, without a mutant: {by}")
                     if "::" not in by or not first_failure(folder, SECONDS, [by], without):
                         break
                     deselected += ["--deselect", by]  # fails without the mutant, too
