@@ -240,3 +240,17 @@ def test_a_run_that_shows_nothing_is_told_so(run, tmp_path):
     for name, show in (("animate", lambda: none.animate(tmp_path / "run.gif")), ("view", none.view)):
         with pytest.raises(ParameterError, match=rf"^{name}: there is nothing to show, the run ended before a forcing"):
             show()
+
+
+@pytest.mark.parametrize(("azimuth", "sense"), [("90 deg", 1), ("-90 deg", -1)])
+def test_a_plate_that_falls_ahead_of_the_dimer_leans_down_to_the_right(tmp_path, azimuth, sense):
+    """The axis points along Y, which is to the right as it is seen from the side; up is up."""
+    run = simulate(tilt=0.25, azimuth=azimuth, Gamma=0.0, xdot0=0.0, mu=0.9, mu_s=1.0, beta0=0.0, periods=2)
+    run.animate(tmp_path / "tilted.gif", periods=1, fps=5)
+    with Image.open(tmp_path / "tilted.gif") as movie:
+        picture = np.asarray(movie.convert("RGB"), float)
+    picture = picture[:, : int(0.55 * picture.shape[1])]  # from the side
+    blue = np.abs(picture - [0x56, 0xB4, 0xE9]).max(axis=2) < 40
+    rows, columns = np.nonzero(blue)
+    slope = np.polyfit(columns, rows, 1)[0]  # rows count downward
+    assert rows.size > 200 and slope == pytest.approx(sense * np.tan(0.25), rel=0.2)
