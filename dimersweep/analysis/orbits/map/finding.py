@@ -1,4 +1,4 @@
-"""Find an orbit: from a run, from another orbit, or from the closed form of a ball on a plate."""
+"""Find an orbit from a run, from another orbit, or from the closed form of a ball on a plate."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -34,23 +34,27 @@ from dimersweep.runs.run import Run
 from dimersweep.runs.starting import is_point
 from dimersweep.symbols import PARAMETERS
 
-Start = tuple[ReturnMap, np.ndarray]
+Start = tuple[ReturnMap, np.ndarray]  # a map and a point of its section from which Newton's method begins
 
-RTOL = 1e-12  # accuracy of the map, where none is asked for
-TRANSIENTS = (1, 30, 200)  # periods of the map run from the ball's orbit before Newton's method
-ONE_ORBIT = 1e-6  # radii and phases of two orbits that are one, relative to each other
-SAME = 1e-4  # in units of the section: a fast part that comes as near as this to its start has repeated
-MOST_TURNS = 1e3  # of the spin in a forcing period: orbits are found up to some 30; far beyond, the search takes long
-SMALLEST_SHARE = 1e-3  # of the way from the parameters of one orbit to other ones
-GAPS_AND_RATES = range(4)  # the first of the coordinates of a section
+RTOL = 1e-12  # rtol of the map by default
+# periods of the map that are run from the ball's orbit before Newton's method, in the order of trial: after a short run
+# the motion is near the ball's orbit, stable or not; after a long run it is near a stable orbit
+TRANSIENTS = (1, 30, 200)
+ONE_ORBIT = 1e-6  # relative difference in radius and phase up to which two orbits count as one
+SAME = 1e-4  # distance from its start, in units of the section, at which a fast part counts as repeated
+# turns of the spin in a forcing period beyond which no orbit is looked for: orbits are found up to some 30 turns, and
+# far beyond the search takes long
+MOST_TURNS = 1e3
+SMALLEST_SHARE = 1e-3  # shortest step, as a share of the way from the parameters of one orbit to others
+GAPS_AND_RATES = range(4)  # numbers of the gaps and their rates among the coordinates of a section
 RUN_IN = 40  # periods in which the fast part of a stable motion settles
-SECTION = 0.75 * TURN  # of the guess: well before the double impact, which lies in the first quadrant
+SECTION = 0.75 * TURN  # phase of the section of the ball's orbit: well before the double impact in the first quadrant
 
 
 def rolled_up(parameters: dict[str, float]) -> float:
-    """Axial spin [rad/s] of a lateral start with `xdot0` once friction has set its end rolling.
+    """Return the axial spin [rad/s] of a lateral start with `xdot0` once friction has set the end rolling.
 
-    The angular momentum about the contact point is kept: m v + J_a s/r = m xdot0, v = r s.
+    The angular momentum about the contact point is conserved: m v + J_a s/r = m xdot0, with v = r s.
     """
     dm = dimer_from(parameters)
     return parameters["xdot0"] / dm.p1.r / (1 + dm.J_a / (dm.m * dm.p1.r**2))
@@ -59,12 +63,12 @@ def rolled_up(parameters: dict[str, float]) -> float:
 def first_map(
     given: dict[str, float], periods: int = 1, rtol: float = RTOL, recorder: Recorder | None = None
 ) -> ReturnMap:
-    """The map in the section of the guess."""
+    """Return the map in the section of the ball's orbit: p1 sticks there, and p2 is in the air."""
     return ReturnMap(given, SECTION, np.array([STICK, FREE], dtype=float), periods, rtol, recorder or Recorder())
 
 
 def ball_state(m: ReturnMap, spin: float) -> np.ndarray:
-    """Kernel state at `SECTION` if p2 were a ball that bounces once a period, and p1 stayed down."""
+    """Return the kernel state at `SECTION` if p2 were a ball that bounces once a period, and p1 stayed down."""
     e, Gamma, dm = value_of("e_2", m.parameters), m.parameters["Gamma"], m.dimer
     phase = acos(min(1.0, ball_fold(e) / Gamma)) if Gamma > 0 else 0.0
     kappa = -dm.m * dm.p1.h * dm.l / (dm.J_t + dm.m * dm.p1.h**2)  # acceleration of p2 over gravity while p1 stays down
@@ -80,9 +84,9 @@ def ball_state(m: ReturnMap, spin: float) -> np.ndarray:
 
 
 def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap, np.ndarray]:
-    """The map at a section of its own, and the point there, after some periods from a state at the section of `m`.
+    """Run from a state at the section of `m`; return the map in the best section of the motion, and the point there.
 
-    It is lost if the kernel cannot go on, or both ends have come to rest on the plate.
+    Raise OrbitLost if the kernel cannot go on, or both ends have come to rest on the plate.
     """
     for _ in range(periods // m.periods):
         state[[PHASE, PERIOD]] = 0.0
@@ -93,11 +97,25 @@ def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap
 
 
 def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> Iterator[Start]:
-    """The motion that a run from a stable orbit settles on at other parameters or another spin, in each of its sections.
+    """Run from a stable orbit at other parameters or another spin; yield the settled motion in each of its sections.
 
-    The fast part settles while the spin is put back once a period, whatever the contacts it comes to. It is lost if the orbit
-    is not stable, or the motion is further from where the orbit leads than `most`, in units of the section. `m` is the map of
-    the other parameters in the section of the orbit, and the spin that after the last impact of a period [rad/s].
+    The fast part settles while the spin is put back once a period, whatever contacts occur meanwhile.
+
+    Parameters
+    ----------
+    at : Fixed
+        Orbit from which the run begins.
+    m : ReturnMap
+        Map of the other parameters in the section of the orbit.
+    spin : float
+        Spin of the motion after the last impact of a period [rad/s].
+    most : float
+        Longest distance of the motion from the start of the run, in units of the section.
+
+    Raises
+    ------
+    OrbitLost
+        If the orbit is not stable, or the run settles further away than `most`, or dies.
     """
     if not (np.abs(multipliers_of(at)[0]) < 1).all():
         raise OrbitLost("the orbit is unstable: no run stays near it")
@@ -119,9 +137,10 @@ def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> 
 
 
 def of_run(run: Run, m: ReturnMap, number: int = -1) -> Start:
-    """The map and the point that a recorded run has come to at its end, or where another segment begins with a period.
+    """Return the map and the point of the motion that a recorded run has come to at the start of a segment.
 
-    The parameters of `m` may differ from those of the run.
+    `number` is that of the segment, by default of the last one. It begins with a forcing period. The parameters are
+    those of `m`, which may differ from those of the run.
     """
     record = run.record("guess")
     segment = record.segments[number]
@@ -137,26 +156,26 @@ def find(
     rtol: float = RTOL,
     **parameters: Any,
 ) -> PeriodicOrbit:
-    """Return the orbit at an axial spin, or that of a run: a fixed point of the fast part of the return map, stable or not.
+    """Find the orbit at an axial spin, or the orbit of a run: a fixed point of the fast part of the map, stable or not.
 
-    Without a guess it is looked for from three starts, until one leads to a stable orbit. If none does, it is the first that
-    was found. Others that were found on the way are its `others`.
+    Without a guess the search begins from three starts in turn, until one leads to a stable orbit. If none does, the
+    first orbit found is returned. Orbits that were found before the one returned are its `others`.
 
     Parameters
     ----------
     guess : Run, PeriodicOrbit or xarray.Dataset, optional
-        A recorded run, whose settled motion is on the orbit, or an orbit nearby, or one point of a cube: the run behind it.
-        Parameters that are not given are as there.
+        A recorded run, whose settled motion is on the orbit, or an orbit nearby, or one point of a cube, which stands
+        for its run. Parameters that are not given are those of the guess.
     spin : float, optional
-        Axial spin after the double impact [rad s-1]; by default that of the guess, or without one what a lateral start
-        with `xdot0` rolls up to. 0.0 is the dimer that moves in a plane.
+        Axial spin after the double impact [rad s-1]. By default it is the spin of the guess or, without a guess, the
+        spin that a lateral start with `xdot0` rolls up to. 0.0 is the dimer that moves in a plane.
     periods : int, optional
-        Forcing periods after which the motion repeats; by default as the guess does, or 1 without one. Where it is given, a
-        run need not have settled: the orbit is looked for near its end.
+        Forcing periods after which the motion repeats; by default those of the guess, or 1 without a guess. Where they
+        are given, a run need not have settled: the search begins at its end.
     rtol : float
         Accuracy of the map [1].
     **parameters : float
-        Of the model; by default the paper's base case.
+        Parameters of the model; by default the paper's base case.
 
     Returns
     -------
@@ -167,7 +186,7 @@ def find(
     ParameterError
         For an unknown parameter or a value that is not allowed, and for a run whose motion does not repeat.
     OrbitError
-        If Newton's method does not come to an orbit, with what was tried.
+        If Newton's method does not come to an orbit; the message lists the starts that were tried.
 
     Examples
     --------
@@ -210,7 +229,7 @@ def orbit_at(
     rtol: float = RTOL,
     recorder: Recorder | None = None,
 ) -> PeriodicOrbit:
-    """The orbit at a given spin, for parameters that have been checked; see `find`. A `recorder` goes on counting periods."""
+    """Find an orbit as `find` does, for arguments that have been checked; a `recorder` goes on counting its periods."""
     m = first_map(given, periods, rtol, recorder)
     tried: list[str] = []
     found: list[PeriodicOrbit] = []
@@ -237,7 +256,10 @@ def orbit_at(
 
 
 def checked(parameters: dict[str, Any], guess: Run | PeriodicOrbit | None = None) -> dict[str, float]:
-    """All parameters, those of the guess where they are not given; refuses unknown ones, and values that are not allowed."""
+    """Return all parameters, with those of the guess where they are not given.
+
+    Raise a ParameterError for an unknown parameter, or a value that is not allowed.
+    """
     check_names(parameters)
     if guess is not None and not isinstance(guess, Run | PeriodicOrbit):
         raise ParameterError(f"guess = {one_line(repr(guess))}: must be a Run, a PeriodicOrbit or one point of a cube")
@@ -254,9 +276,9 @@ def units_along(name: str) -> str:
 
 
 def checked_spin(spin: Any, given: dict[str, float]) -> float:
-    """An axial spin [rad/s]; by default what a lateral start with `xdot0` rolls up to.
+    """Return an axial spin [rad/s]; by default the spin that a lateral start with `xdot0` rolls up to.
 
-    Refuses what is no number, or so fast that no orbit has it.
+    Raise a ParameterError if it is no number, or so fast that no orbit has it.
     """
     spin = rolled_up(given) if spin is None else as_number("spin", spin, "rad s-1")
     most = MOST_TURNS * TURN * given["f"]
@@ -268,9 +290,9 @@ def checked_spin(spin: Any, given: dict[str, float]) -> float:
 def at_end(
     parameters: Mapping[str, float], start: np.ndarray, periods: int, rtol: float, recorder: Recorder
 ) -> tuple[ReturnMap, np.ndarray]:
-    """The map where a run of `parameters` has ended, over so many forcing periods, and the kernel's state there.
+    """Return the map over `periods` in the section where a run has ended, and the kernel's state there.
 
-    `start` is that end, at the start of a forcing period: state and friction modes, shape (N_START,).
+    `start` is the end of the run, at the start of a forcing period: state and friction modes, shape (N_START,).
     """
     m = ReturnMap(dict(parameters), parameters["phi0"], start[N_STATE:].copy(), periods, rtol, recorder)
     state = start[:N_STATE].copy()
@@ -279,7 +301,7 @@ def at_end(
 
 
 def orbit_through(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
-    """The orbit of a motion that has settled, near a point of its section; lost if there is none."""
+    """Find the orbit of a settled motion near a point of its section; raise OrbitLost if there is none."""
     fixed = solve(m, z, m.image(z).spin)
     return orbit_of(fixed, slow_motion_of(fixed))
 
@@ -287,7 +309,7 @@ def orbit_through(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
 def _starts(
     m: ReturnMap, spin: float | None, guess: Run | PeriodicOrbit | None
 ) -> Iterator[tuple[str, Callable[[], Fixed]]]:
-    """What leads to an orbit of the map, in any section, in the order in which it is tried, each with its name."""
+    """Yield the name and the call of each way to an orbit of the map, in any section, in the order of trial."""
     if isinstance(guess, Run):
         yield "the end of the run", partial(_from_run, guess, m, spin)
     elif isinstance(guess, PeriodicOrbit):
@@ -300,30 +322,32 @@ def _starts(
 
 
 def _found(fixed: Fixed) -> PeriodicOrbit:
-    """The orbit of a fixed point; lost if it repeats after fewer periods."""
+    """Return the orbit of a fixed point; raise OrbitLost if it repeats after fewer periods."""
     fixed = centred(fixed)
     shorter = repeats_after(fixed)
     if shorter < fixed.map.periods:
         raise OrbitLost(f"the motion found repeats after {shorter} already; ask for periods={shorter}")
     slow_motion = slow_motion_of(fixed)
-    matrix, gradient = fixed.map.jacobian(slow_motion.z)  # a run is multiplied by those of where it is
+    # the multipliers that a run shows are those at its own points: on the slow manifold, not at the fixed point
+    matrix, gradient = fixed.map.jacobian(slow_motion.z)
     seen = fixed._replace(matrix=matrix, gradient=gradient)
     return replace(orbit_of(seen, slow_motion), fixed=fixed)
 
 
 def centred(fixed: Fixed) -> Fixed:
-    """The orbit in another section, if an event lies near its own and it is found there."""
+    """Return the fixed point in a section that suits it better, if there is one and it is found there, else itself."""
     image = fixed.image
     return fixed.map.in_own_section(fixed, image.passage, lambda m, z: solve(m, z, image.spin))
 
 
 def repeats_after(fixed: Fixed) -> int:
-    """Least number of forcing periods after which a motion comes back to its point of the section."""
+    """Return the least number of forcing periods after which a motion comes back to its point of the section."""
     m = fixed.map
     for k in range(1, m.periods):
         if m.periods % k == 0:
             state, _ = m.sampled(fixed.image.passage, TURN * k)
-            # an end that stays down here may be in the air a period on
+            # gaps and their rates are compared whether they are free or not: an end that is down here may be in the air
+            # then
             fast = np.union1d(GAPS_AND_RATES, np.delete(m.free, m.slow))
             if np.abs(m.section.point(state) - m.section.point(m.state(fixed.z)))[fast].max() < SAME:
                 return k
@@ -331,19 +355,22 @@ def repeats_after(fixed: Fixed) -> int:
 
 
 def _from_ball(m: ReturnMap, spin: float, transient: int) -> Fixed:
-    """Newton from the ball's orbit, after a transient."""
+    """Find the fixed point at a spin from the ball's orbit, after a transient of `transient` times the map."""
     state = ball_state(m, spin)
     return solve(*settled_on(m, state, transient * m.periods), spin)
 
 
 def _from_run(run: Run, m: ReturnMap, spin: float | None) -> Fixed:
-    """Newton from what a run has come to."""
+    """Find the fixed point from the end of a run, at a spin or, by default, at the spin of the run."""
     m, z = of_run(run, m)
     return solve(m, z, m.image(z).spin if spin is None else spin)
 
 
 def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
-    """Newton from the orbit's own point; if that fails, by steps from its parameters and spin to those asked for."""
+    """Find the fixed point from another orbit, at a spin and the parameters of `m`.
+
+    Newton's method begins at the point of the orbit. If it fails, the parameters and the spin go there in steps.
+    """
     old, given = orbit.fixed.map, m.parameters
     begin = orbit.fixed._replace(map=replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
 
@@ -362,7 +389,10 @@ def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
 
 
 def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -> Fixed:
-    """The orbit at other parameters or another spin by Newton from one nearby, or over a change of sequence from a run."""
+    """Find the fixed point at other parameters or another spin from one nearby; raise OrbitLost if there is none.
+
+    Newton's method begins at the point nearby or, over a change of sequence, at the motion that a run settles on.
+    """
     try:
         return centred(solve(m, fixed.z, spin, known))
     except OrbitLost:

@@ -1,10 +1,11 @@
-"""The slow manifold: where a motion is while its spin drifts slowly along the family.
+"""The slow manifold: the points of motions whose spin drifts slowly along the family.
 
-At a fixed point of the fast part the spin alone does not close. Which point that is depends on the section: in a contact
-that slips, another coordinate takes up what the spin has lost. A motion that drifts slowly lies beside it, and moves along the
-manifold evenly. So the third difference of its points is the third derivative along the manifold times the cube of the
-spin's change in a period: where it is zero is the same in all sections, to second order in that change (the
-zero-derivative principle of Gear, Kaper, Kevrekidis and Zagaris, doi 10.1137/040608295).
+At a fixed point of the fast part the spin alone does not return to its value. This point depends on the section: in a
+contact that slips, another coordinate takes up the change of the spin. A motion that drifts slowly lies beside the
+fixed point, and moves along the manifold evenly. So the third difference of its points is the third derivative along
+the manifold times the cube of the spin's change in a period. The points at which this difference is zero are the same
+in all sections, to second order in the change (the zero-derivative principle of Gear, Kaper, Kevrekidis and Zagaris,
+doi 10.1137/040608295).
 """
 
 from functools import partial
@@ -15,35 +16,40 @@ import numpy as np
 from dimersweep.analysis.orbits.map.newton import TOLERANCE, Fixed, newton, solve, system
 from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap, singular_lost
 
-APART = 0.05  # distance of the multipliers of the fast part from 1 below which it is no slower than the spin
-NEAR = 0.05  # of the manifold from the fixed point, in units of the section
-SMALL_SPIN = 5e-3  # at which it is seen how a spin grows beside a plane, in the unit of the section
-WEIGHTS = 8.0  # of the points in a third difference, all together: the rounding of each counts so often
+# least distance of the multipliers of the fast part from 1: nearer, the fast part is as slow as the spin, and a slow
+# manifold means nothing
+APART = 0.05
+NEAR = 0.05  # longest distance of a slow motion from its fixed point, in units of the section
+SMALL_SPIN = 5e-3  # spin at which its growth beside a plane is measured, in the unit of the section
+WEIGHTS = 8.0  # sum of the weights of the points in a third difference, 1 + 3 + 3 + 1: their errors add up
 
 
 class SlowMotion(NamedTuple):
-    """A motion on the slow manifold."""
+    """A motion on the slow manifold, over a period."""
 
     z: np.ndarray  # point of the section, shape (n,)
-    image: Image  # of that point; its spin is the one asked for
-    turn: float  # change of theta from the last impact of the bouncer to that in the image [rad]
-    drift: float  # change of the spin in the period that follows [rad/s]
-    turn_drift: float  # change of the turn from that period to the one that follows [rad]
-    residual: float  # in units of the section
+    image: Image  # image of that point; its spin is the one asked for
+    # change of theta over a period, from the last impact of the bouncer before `z` to its last impact before the image
+    # [rad]
+    turn: float
+    drift: float  # change of the spin in the next period [rad/s]
+    turn_drift: float  # change of the turn from this period to the next one [rad]
+    residual: float  # largest error of the equations that it solves, in units of the section
 
 
 def eigenvector(matrix: np.ndarray, value: float) -> np.ndarray:
-    """The eigenvector, real part, of the multiplier nearest to a value."""
+    """Return the real part of the eigenvector to the multiplier nearest to a value."""
     values, vectors = np.linalg.eig(matrix)
     return vectors[:, int(np.argmin(np.abs(values - value)))].real
 
 
 @singular_lost()
 def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
-    """Derivative of the section point by the spin (in its unit) along the family, and the spin's change a period [rad/s].
+    """Return the derivative of the point by the spin (in its unit) along the family, and the drift of the spin [rad/s].
 
-    The change of a point over a period is projected with the left eigenvector of the slow multiplier: only its part along the
-    manifold counts. Those of all other multipliers, of which one is 1 at a fold, are across the family.
+    The drift is the change of the spin in a period of the motion. For it the change of the point over a period is
+    projected with the left eigenvector of the slow multiplier, since only its part along the manifold counts. The left
+    eigenvectors of all other multipliers, of which one is 1 at a fold, are across the family.
     """
     m = fixed.map
     along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(fixed.z.size)[m.slow])
@@ -53,7 +59,10 @@ def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
 
 @singular_lost()
 def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
-    """Multipliers of the fast part, over the period of the motion, the largest first, and that of the slow direction."""
+    """Return the multipliers of the fast part, the largest first, and the multiplier of the slow direction.
+
+    They are those over the period of the motion. The slow one is nearest to 1.
+    """
     values = np.linalg.eigvals(fixed.matrix)
     slow = int(np.argmin(np.abs(values - 1)))
     fast = np.delete(values, slow).astype(complex)
@@ -62,7 +71,10 @@ def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
 
 @singular_lost()
 def lag(fixed: Fixed) -> np.ndarray:
-    """How far the manifold lies from the fixed point, to first order in the change of the spin; 0 without a fast part."""
+    """Return the distance of the manifold from the fixed point, shape (n,), to first order in the drift of the spin.
+
+    It is zero without a fast part, see `has_fast_part`, and where the first order leads further than `NEAR`.
+    """
     m = fixed.map
     if not has_fast_part(fixed):
         return np.zeros(fixed.z.size)
@@ -75,24 +87,25 @@ def lag(fixed: Fixed) -> np.ndarray:
 
 
 def has_fast_part(fixed: Fixed) -> bool:
-    """Whether all multipliers but the slow one are away from 1."""
+    """Return True if there are multipliers beside the slow one, and all of them are away from 1."""
     fast, _ = multipliers_of(fixed)
     return bool(fast.size > 0 and np.abs(fast - 1).min() >= APART)
 
 
 def slow_motion_at(fixed: Fixed) -> SlowMotion:
-    """The fixed point itself, taken for a motion on the manifold; its turn goes with its spin, as where a dimer rolls."""
+    """Return the fixed point as a motion on the manifold, with a turn proportional to its spin, as in rolling."""
     image, drift = fixed.image, slow_direction(fixed)[1]
     turn_drift = image.theta * drift / image.spin if image.spin else 0.0
     return SlowMotion(fixed.z, image, image.theta, drift, turn_drift, fixed.residual)
 
 
 def growth_in_plane(fixed: Fixed) -> tuple[float, bool]:
-    """How a small spin grows in a period beside a motion in a plane, in units of itself, and whether the drift is smooth there.
+    """Return the growth of a small spin in a period beside a motion in a plane, and True if the drift is smooth there.
 
-    The drift is odd in the spin. If it is smooth, its ratio to the spin has even powers alone. It is not where an end slips, at
-    any spin, through the turn of its slip in the plane: there friction turns round in a time that goes with the spin, which
-    gives the drift a part like s log s.
+    The growth is the drift over the spin s, in the limit of no spin. The drift is odd in s. If it is smooth, the growth
+    has even powers of s alone, which the growths at three spins show. It is not smooth where an end slips while its
+    slip in the plane reverses. There friction turns round in a time proportional to s, which adds a part like s log s
+    to the drift.
     """
     m, along = fixed.map, slow_direction(fixed)[0]
 
@@ -105,7 +118,10 @@ def growth_in_plane(fixed: Fixed) -> tuple[float, bool]:
 
 
 def slow_motion_of(fixed: Fixed) -> SlowMotion:
-    """The motion on the manifold at the spin of a fixed point; the fixed point itself without a fast part."""
+    """Return the motion on the manifold at the spin of a fixed point.
+
+    The fixed point itself is returned without a fast part, or where no motion on the manifold is found within `NEAR`.
+    """
     still = slow_motion_at(fixed)
     if not has_fast_part(fixed):
         return still
@@ -117,9 +133,9 @@ def slow_motion_of(fixed: Fixed) -> SlowMotion:
 
 
 def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
-    """The motion on the manifold that passes near a point with a spin after its last impact [rad/s]; lost if there is none.
+    """Find the motion on the manifold with a spin after the last impact [rad/s] that passes near a point `z`.
 
-    It is found with the map and the derivatives of a fixed point nearby.
+    The map and the derivatives are those of a fixed point nearby. OrbitLost is raised if there is no such motion.
     """
     m = fixed.map
 
@@ -135,7 +151,7 @@ def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
         A[m.slow] = gradient @ matrix
         return A
 
-    begin = 2 * z - m.loosely.image(z).point  # one period before, at an even pace
+    begin = 2 * z - m.loosely.image(z).point  # one period before `z`, at an even pace: `z` is the second of the points
     target, known = WEIGHTS * TOLERANCE * m.rtol, derivative(fixed.matrix, fixed.gradient)
     loosely = partial(value, m=m.loosely)
     root = newton(value, begin, lambda z: derivative(*m.jacobian(z, roughly=True)), target, known, loosely=loosely)

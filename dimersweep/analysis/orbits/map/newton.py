@@ -1,4 +1,4 @@
-"""Newton's method, and the fixed points of the fast part at a given spin that it finds."""
+"""Newton's method, and the fixed points of the return map that it finds at a given spin."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,26 +8,32 @@ import numpy as np
 
 from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap
 
-TOLERANCE = 10.0  # residual of an orbit over the rtol of the map
-NEWTON_STEPS, QUICK_FALL = 25, 0.2  # Newton steps at most; a residual that falls by less asks for a new derivative
-STEP_HALVINGS = 6  # tries to come nearer: a step, its half, its quarter ...
-FAR = 1e-4  # value beyond which the accuracy of runs does not count
-NEAR_ENOUGH = 1e3  # residual, over the target, of steps that come no nearer but are near enough
+TOLERANCE = 10.0  # largest residual of an orbit, over the rtol of the map, by which images are in error
+# most steps of Newton's method; ratio of a residual to the one before above which the derivative is computed anew
+NEWTON_STEPS, QUICK_FALL = 25, 0.2
+STEP_HALVINGS = 6  # lengths that are tried for a step: all of it, its half, its quarter ...
+FAR = 1e-4  # residual above which less accurate runs serve, see `ReturnMap.loosely`
+# largest residual, over the target, that is accepted where no step comes nearer: there rounding bounds the accuracy
+NEAR_ENOUGH = 1e3
 
 
 class Fixed(NamedTuple):
-    """A fixed point of the fast part."""
+    """A fixed point of the fast part of the return map at its spin, with the derivatives there."""
 
     map: ReturnMap
     z: np.ndarray  # point of the section, the spin there included, shape (n,)
-    image: Image
+    image: Image  # image of `z`
     matrix: np.ndarray  # derivative of the map, shape (n, n)
-    gradient: np.ndarray  # of the spin after the last impact, in its unit, shape (n,)
-    residual: float  # in units of the section
+    gradient: np.ndarray  # derivative of the spin after the last impact, in its unit, shape (n,)
+    residual: float  # largest entry of `defect`, in units of the section
 
 
 def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float | None) -> np.ndarray:
-    """How far the fast part fails to close; in the place of the spin, how far it is from `spin` [rad/s], or closes if None."""
+    """Return how far a point and its image are apart, in units of the section, shape (n,).
+
+    The entry of the spin is the distance of the spin after the last impact from `spin` [rad/s]. If `spin` is None, the
+    spin is free: its entry is its change, as for the other coordinates.
+    """
     r = image.point - z
     if spin is not None:
         r[m.slow] = (image.spin - spin) / m.unit
@@ -35,7 +41,7 @@ def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float | None) -> np.
 
 
 def system(m: ReturnMap, matrix: np.ndarray, gradient: np.ndarray, free: bool = False) -> np.ndarray:
-    """Derivative of `defect` at a given spin, or where it is `free`."""
+    """Return the derivative of `defect` by the point, shape (n, n), at a given spin or, with `free`, at a free one."""
     A = matrix - np.eye(len(matrix))
     if not free:
         A[m.slow] = gradient
@@ -43,17 +49,22 @@ def system(m: ReturnMap, matrix: np.ndarray, gradient: np.ndarray, free: bool = 
 
 
 def target(m: ReturnMap, free: bool) -> float:
-    """Largest entry of `defect` that counts as none: less where the spin is free, which drifts so little."""
+    """Return the largest entry of `defect` that counts as zero.
+
+    It is smaller where the spin is free: the drift changes little with the spin, so a small error of it moves the spin
+    far.
+    """
     return m.rtol / TOLERANCE if free else TOLERANCE * m.rtol
 
 
 class Root(NamedTuple):
     """A zero that Newton's method has found."""
 
-    y: np.ndarray  # shape (n,)
-    extra: Any  # what the function returned there beside its value
-    value: np.ndarray  # of the function there, shape (n,)
-    derivative: np.ndarray | None  # the last one that was used; none if no step was needed, shape (n, n)
+    y: np.ndarray  # zero, shape (n,)
+    extra: Any  # object that the function returned there beside its value
+    value: np.ndarray  # value of the function there, shape (n,)
+    # derivative with which the next step would be taken, shape (n, n); None if it would be computed anew
+    derivative: np.ndarray | None
 
 
 def newton(
@@ -65,25 +76,26 @@ def newton(
     most: int = NEWTON_STEPS,
     loosely: Callable[[np.ndarray], tuple[np.ndarray, Any]] | None = None,
 ) -> Root:
-    """A zero of `f` near `y`; lost if the steps do not come to one.
+    """Find a zero of `f` near `y`, or raise OrbitLost if the steps do not converge to one.
 
-    A known derivative is kept by Broyden's update, and taken anew only where the steps then converge too slowly.
+    A derivative is kept up to date by Broyden's formula, and computed anew only where the steps then converge too
+    slowly.
 
     Parameters
     ----------
     f : callable
-        Returns its value, shape (n,), and an object that is kept of the last point.
+        Function; returns its value, shape (n,), and an object that is passed on with the zero.
     derivative : callable, optional
-        Shape (n, n). Without it only the known one and its updates are used, which is enough where the steps are short: a
-        step that does not come nearer at once is an error.
+        Computes the derivative, shape (n, n). Without it only the known one and its updates are used, which is enough
+        where the steps are short. OrbitLost is then raised at the first step that comes no nearer.
     target : float
-        Largest entry of the value that counts as none.
+        Largest entry of the value that counts as zero.
     known : ndarray, shape (n, n), optional
         Derivative nearby.
     most : int
-        How many new derivatives may be taken.
+        Number of derivatives that may be computed anew.
     loosely : callable, optional
-        As `f`, from runs that are less accurate: it serves where the value is large.
+        `f` from less accurate runs; it serves where the value is larger than `FAR`.
     """
 
     def far(y: np.ndarray) -> tuple[np.ndarray, Any]:
@@ -106,7 +118,7 @@ def newton(
             y_next, r_next, extra_next = _nearer(see, y, step, size, STEP_HALVINGS if derivative else 1)
         except (np.linalg.LinAlgError, OrbitLost) as error:
             if size <= NEAR_ENOUGH * target:
-                return Root(y, extra, r, A)  # as near as the rounding of the map allows
+                return Root(y, extra, r, A)  # the rounding of the map allows no better
             if fresh or not derivative:
                 raise OrbitLost(str(error)) from error
             A = None
@@ -121,7 +133,11 @@ def newton(
 def _nearer(
     f: Callable[[np.ndarray], tuple[np.ndarray, Any]], y: np.ndarray, step: np.ndarray, size: float, tries: int
 ) -> tuple[np.ndarray, np.ndarray, Any]:
-    """The point after the step, or after the first of its halves, quarters ... that leads to a smaller value."""
+    """Return the point after the first of a step, its half, its quarter ... that makes the value smaller than `size`.
+
+    Returned with the point are the value and the object of `f` there. OrbitLost is raised if none of `tries` lengths
+    does.
+    """
     lost = OrbitLost("Newton's method finds no step that comes nearer")
     for _ in range(tries):
         try:
@@ -135,18 +151,24 @@ def _nearer(
 
 
 def fixed_at(m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: float = 0.0) -> Fixed:
-    """A fixed point with the derivatives there."""
+    """Return the fixed point `z` with its derivatives, and its image if that is not known, computed there."""
     image = m.image(z) if image is None else image
     matrix, gradient = m.jacobian(z)
     return Fixed(m, z, image, matrix, gradient, residual)
 
 
 def solve(m: ReturnMap, z: np.ndarray, spin: float | None, known: np.ndarray | None = None) -> Fixed:
-    """The fixed point near a point, at a spin after the last impact of a period [rad/s]; lost if the steps do not come to one.
+    """Find the fixed point near `z` by Newton's method, or raise OrbitLost if the steps do not converge to one.
 
-    Without a spin, that at which nothing drifts.
-
-    A `known` derivative of `defect` nearby is what the steps begin with.
+    Parameters
+    ----------
+    z : ndarray, shape (n,)
+        Point of the section.
+    spin : float or None
+        Spin after the last impact of a period [rad/s]. If it is None, the spin is free, and found such that it does not
+        drift.
+    known : ndarray, shape (n, n), optional
+        Derivative of `defect` nearby, with which the steps begin.
     """
 
     def value(z: np.ndarray, m: ReturnMap = m) -> tuple[np.ndarray, Image]:

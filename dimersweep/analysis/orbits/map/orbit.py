@@ -1,4 +1,4 @@
-"""An orbit: the fixed point of the fast part at a given spin, and all that follows from it."""
+"""Periodic orbits: fixed points of the fast part at a spin, with their circle, stability and tables."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,26 +27,29 @@ if TYPE_CHECKING:
 
     from dimersweep.plots.style import Look
 
-SHOWN_PERIODS = 12  # of an orbit in its picture: one that is unstable has not left it yet
-CIRCLE = 1e-12  # turn of a period [rad] that is none
-PLANE = 1e-10  # spin that is none, in units of the section: a sustained spin of 0 is located so well
-CHORDS = 16  # parts of a forcing period: with these the radius of the base case's path is known to 1e-6 m
+SHOWN_PERIODS = 12  # periods of an orbit in its picture: so few that a run from an unstable orbit has not left it yet
+CIRCLE = 1e-12  # turn in a period that counts as zero [rad]: round-off of a motion in a plane
+PLANE = 1e-10  # spin that counts as zero, in units of the section: a sustained spin of 0 is located so well
+CHORDS = 16  # chords of the path in a forcing period: with these the radius of the base case's path is known to 1e-6 m
 
 
 class MeanPath(NamedTuple):
-    """The circle about which the centre of mass swings.
+    """The circle, or the straight line, about which the centre of mass swings.
 
     Attributes
     ----------
-    radius, speed : float
-        inf for a straight path [m]; along the circle or the line [m s-1].
+    radius : float
+        Radius of the circle, inf for a straight path [m].
+    speed : float
+        Mean speed along the circle or the line [m s-1].
     bend : complex
-        Change of the mean velocity over itself, seen from the heading (real part: it grows; imaginary part: it turns in the
-        sense of the path) [s-1].
+        Rate of change of the mean velocity over the velocity, in axes that turn with the dimer [s-1]. The real part is
+        its growth, the imaginary part its turn in the sense of the path.
     phases : ndarray, shape (n,)
-        Of the plate, in each forcing period the same [rad].
+        Phases of the plate at which `swing` is given, the same in each forcing period [rad].
     swing : ndarray of complex, shape (n,)
-        There, how far the centre of mass is out of the circle (real part), and ahead on it (imaginary part) [1]: in radii.
+        Distance of the centre of mass from the mean path at these phases, over the radius [1]: outwards (real part),
+        and ahead (imaginary part).
     """
 
     radius: float
@@ -57,9 +60,10 @@ class MeanPath(NamedTuple):
 
 
 def path_of(m: ReturnMap, z: np.ndarray) -> MeanPath:
-    """The mean path of a motion over its period from a point of the section on.
+    """Return the mean path of a motion over its period, from a point of the section on.
 
-    The chords of the parts of the period are summed as in `kernel.mean_path`; those of the next one give the bend.
+    The chords of the parts of the period are summed as in `kernel.mean_path`. The bend comes from the sum of the next
+    period.
     """
     count = CHORDS * m.periods
     parts = np.arange(2 * count + 1) / count
@@ -93,43 +97,48 @@ class PeriodicOrbit:
     Attributes
     ----------
     parameters : dict
-        Of the model.
+        Parameters of the model.
     periods : int
-        Forcing periods after which it repeats.
+        Forcing periods after which the motion repeats.
     spin : float
-        Axial spin after the double impact (without one: after the last impact of the end that is in the air for longer)
-        [rad s-1], as that of `Run.orbit`. For period n, of the last one.
+        Axial spin after the double impact or, without one, after the last impact of the end that is in the air for
+        longer [rad s-1], as in `Run.orbit`. If the motion has several such impacts, it is the spin after the last one.
     radius : float
         Equivalent radius (11), `speed` over precession rate; NaN for a motion in a plane [m].
-    path_radius, path_speed : float
-        Radius of the mean path of the centre of mass, as a camera sees it, NaN in a plane [m]; speed along it [m s-1].
+    path_radius : float
+        Radius of the mean path of the centre of mass, as a camera sees it; NaN for a motion in a plane [m].
+    path_speed : float
+        Speed along the mean path [m s-1].
     period : float
-        Time once round [s], for either radius; NaN in a plane.
-    zeta, speed : float
-        Angle from the axis to the velocity [rad], speed of the centre of mass [m s-1], there too.
+        Time once round the circle [s], for either radius; NaN for a motion in a plane.
+    zeta : float
+        Angle from the axis to the velocity of the centre of mass after that impact [rad].
+    speed : float
+        Speed of the centre of mass after that impact [m s-1].
     precession_rate : float
         Mean rate of theta [rad s-1].
     impact_phase : float
         Phase of that impact in cycles of the plate, in [0, 1) [1].
     di_end : str
-        Friction after it, of the end that is down and of the one that bounces; none if it is no double impact.
+        Friction after that impact, of the end that is down and of the end that bounces; none if it is no double impact.
     spin_drift, precession_rate_drift : float
         Change of the spin and of the precession rate per forcing period along the slow family [rad s-1].
     multipliers : ndarray of complex
-        Of the fast part, over the period of the motion, the largest first [1]; a single 0 if nothing but the spin is
-        remembered.
+        Multipliers of the fast part, over the period of the motion, the largest first [1]. A single 0 if the motion
+        keeps nothing but the spin from period to period.
     slow_multiplier : float
-        That of the direction along the family [1].
+        Multiplier of the direction along the family [1].
     stable : bool
-        Whether all multipliers of the fast part are below 1 in size.
+        True if all multipliers of the fast part are below 1 in size.
     residual : float
-        How far the motion fails to close, but for the slow drift along the family, in units of the section.
+        Largest difference between the motion and its image, but for the slow drift along the family, in units of the
+        section.
     sequence : str
-        The symbol sequence: what contact states and impacts follow one another in a period (docs/orbits.md).
+        Symbol sequence: the contact states and impacts that follow one another in a period (docs/orbits.md).
     cost : float
-        Forcing periods of the map that it took.
+        Forcing periods of the map that the search took.
     others : tuple of PeriodicOrbit
-        Unstable ones of the same spin that were found before it, by `orbits.find`.
+        Unstable orbits of the same spin that `orbits.find` found before this one.
 
     Examples
     --------
@@ -177,7 +186,7 @@ class PeriodicOrbit:
 
     @cached_property
     def path(self) -> MeanPath:
-        """The mean path of the centre of mass."""
+        """Mean path of the centre of mass."""
         return path_of(self.fixed.map, self.slow_motion.z)
 
     @property
@@ -191,15 +200,16 @@ class PeriodicOrbit:
         return self.path.speed
 
     def run(self, periods: int = 100, rtol: float = 1e-8, record: bool = True) -> Run:
-        """A run that starts on the orbit, at the plate's phase `phi0` of the parameters.
+        """Run the dimer from the state of the orbit at the plate's phase `phi0` of its parameters.
 
         Parameters
         ----------
         periods : int
+            Forcing periods.
         rtol : float
             Accuracy of the run [1].
         record : bool
-            Whether it is recorded.
+            Record the events and smooth phases.
 
         Returns
         -------
@@ -209,7 +219,7 @@ class PeriodicOrbit:
         m, recorder = self.fixed.map, self.fixed.map.recorder
         phase = (self.parameters["phi0"] - m.phase) % TURN
         state, _ = m.sampled(self.slow_motion.image.passage, phase)
-        # the cyclic coordinates begin anew
+        # a run begins at the origin, whatever place, heading and spinning angle the passage has come to
         begun = State(*state)._replace(phase=0.0, period=0.0, theta=0.0, x1=0.0, y1=0.0, gamma=0.0)
         row = m.row_at(self.parameters["phi0"])
         solved = run_row(row, np.array([[*begun, 0.0, 0.0]]), exactly(periods, rtol), recorder.space, record=record)
@@ -217,11 +227,11 @@ class PeriodicOrbit:
         if not record:
             return run
         start = start_of(run.states(0.0))
-        del start["phase"]  # which is phi0
+        del start["phase"]  # the parameter phi0 has it
         return replace(run, start=start)
 
     def plot(self, path: str | PathLike[str] | None = None, *, force: bool = False, **look: "Unpack[Look]") -> "Figure":
-        """Heights, path and phase portraits of a run that starts on the orbit, as by `Run.plot`.
+        """Plot heights, path and phase portraits of a run that starts on the orbit, as `Run.plot` does.
 
         Raises
         ------
@@ -234,14 +244,14 @@ class PeriodicOrbit:
 
 
 def circle_of(radius: float) -> str:
-    """Return a radius in words; there is none in a plane."""
+    """Return a radius [m] in words: "in a plane" for NaN."""
     return "in a plane" if np.isnan(radius) else f"radius {radius:.6g} m"
 
 
 def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrbit:
-    """The orbit of a fixed point, and of the motion that drifts slowly along the family beside it.
+    """Return the orbit with the multipliers of a fixed point and the numbers of the slow motion beside it.
 
-    Without such a motion all is that of the fixed point. The multipliers are those of the derivatives of `fixed`.
+    Without a slow motion, the numbers are those of the fixed point, too.
     """
     m = fixed.map
     if slow_motion is None:
@@ -279,9 +289,10 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
 
 # --- orbits as labelled data -----------------------------------------------------------------------------------------
 
-Column = tuple[Any, ...]  # entries, one an orbit or a row of numbers; what they are; and, of a flag, its words
+# entries, one for each orbit (a number, a word, or a row of numbers); their quantity; and the words of a flag
+Column = tuple[Any, ...]
 
-MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part at most; those that contact takes away are zero
+MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part in the air; contact makes some of them zero
 COLUMNS = {
     "spin": QUANTITIES["spin"],
     **{name: QUANTITIES[name] for name in (*ORBIT_NAMES, "path_radius", "path_speed")},
@@ -296,7 +307,8 @@ TEXTS = {
     "di_end": QUANTITIES["di_end"],
     "word": Quantity("1", "symbol sequence: contact states and impacts of a period, in their order"),
 }
-ATTRIBUTE_OF = {"word": "sequence"}  # attributes of an orbit whose columns have other names, those of former files
+# attributes of an orbit whose columns have other names, since files that were written before have these names
+ATTRIBUTE_OF = {"word": "sequence"}
 DOUBLING = Quantity("1", "coefficient of the flip: a stable orbit of twice the period begins where it is positive")
 MULTIPLIERS = {
     "multipliers_real": Quantity("1", "real parts of the multipliers of the fast part, the largest first"),
@@ -305,20 +317,20 @@ MULTIPLIERS = {
 
 
 def padded(values: np.ndarray) -> np.ndarray:
-    """Multipliers, shape (MOST_MULTIPLIERS,), with zeros for the directions that contact takes away."""
+    """Return multipliers, shape (MOST_MULTIPLIERS,), with zeros for the directions that contact takes away."""
     row = np.zeros(MOST_MULTIPLIERS, dtype=complex)
     row[: values.size] = values
     return row
 
 
 def multiplier_columns(dims: Sequence[str], rows: np.ndarray) -> dict[str, xr.Variable]:
-    """Multipliers as a table has them: NetCDF knows no complex numbers."""
+    """Return the two columns of rows of multipliers, real and imaginary parts: NetCDF knows no complex numbers."""
     parts = zip(MULTIPLIERS.items(), (rows.real, rows.imag), strict=True)
     return {name: xr.Variable(dims, part, quantity.attributes()) for (name, quantity), part in parts}
 
 
 def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Mapping[str, Column] = {}) -> xr.Dataset:
-    """The attributes of orbits along `dim`, and `more` columns; parameters that all share are scalar coordinates."""
+    """Return the table of orbits along `dim`, with `more` columns; parameters that all share are scalar coordinates."""
     columns: dict[str, Column] = {
         name: ([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said, CODE_WORDS.get(name, ()))
         for name, said in (COLUMNS | TEXTS).items()

@@ -1,12 +1,13 @@
-"""One passage through a motion: its record, and what is read from it.
+"""The record of a motion from a section to its image, and the symbol sequence that is read off it.
 
-The axial spin of an orbit is that after its last impact in a period (of the drift: the end of the double impact), as
-`Run.orbit` has it. The bouncer is the end that is in contact for less of the time.
+The axial spin of an orbit is the spin after the last impact of the bouncer in a period, as in `Run.orbit`. In the drift
+this impact is the end of the double impact. The bouncer is the end that is in contact for the shorter time.
 
-The symbol sequence, sequence for short, has the contact states of a period in their order, chatter counted as one symbol. A
-symbol is a state of sustained contact with its end (``SC_sk.1``), an impact with all its contact states
-(``DI_sp_sp>DI_sp_sk``), ``chatter.1`` for hops that die out, ``FM`` for a lift-off, and ``far.2`` for an end that is in the air
-for more than half a forcing period: the line from which a ball counts as flying. The sequence begins with its double impact.
+The symbol sequence, sequence for short, lists the contact states of a period in their order. It begins with the double
+impact. A symbol is a state of sustained contact with its end (``SC_sk.1``), an impact with all its contact states
+(``DI_sp_sp>DI_sp_sk``), ``bounces.1`` for an impact of one end, ``chatter.1`` for hops that die out, or ``FM`` for a
+lift-off. Last stands ``far.2`` for an end that is in the air for more than half a forcing period, from which on a ball
+counts as flying.
 """
 
 from collections import Counter
@@ -23,19 +24,29 @@ from dimersweep.kernel.passage import PER_STATE, SAME_IMPACT, Read
 from dimersweep.kernel.verdict.past import HOP_LINE
 
 TURN = 2 * np.pi
-MANY = 4  # bounces that do not die out are counted so far: beyond, their number changes without end
-SPELT_ONCE = 4096  # sequences that are spelt once
+# highest count of bounces in a row in a sequence: without a bound, the sequence of an end whose hops nearly die out
+# would change without end along a branch
+MANY = 4
+SPELT_ONCE = 4096  # sequences that are kept after they are spelt; the number decides on time alone
 
 
 @lru_cache(SPELT_ONCE)
 def spelt(codes: bytes, far: tuple[bool, bool], whole: bool = False) -> str:
-    """The sequence of one period of a motion, from the symbols of its events (``kernel.passage``) and whether the ends are far.
+    """Return the sequence of a period in words.
 
-    A `whole` one has all its bounces counted.
+    Parameters
+    ----------
+    codes : bytes
+        Symbols of the events of the period, int64, see ``kernel.passage``.
+    far : tuple of bool
+        True for each end that is in the air for more than half a forcing period.
+    whole : bool
+        Count all bounces in a row, not only up to `MANY`.
     """
     events = np.frombuffer(codes, dtype=np.int64).tolist()
     symbols = _chatter_as_one(_symbols(events), len(events) if whole else MANY)
-    # it begins at its first double impact, or without one at the rotation that sorts first
+    # which event of the period comes first depends on the section, and the sequence must not: it begins at a double
+    # impact; of several, or without one, at the rotation that sorts first
     turns = [symbols[k:] + symbols[:k] for k in range(len(symbols))] or [[]]
     begun = min(turns, key=lambda turn: (not (turn and turn[0].startswith("DI")), turn))
     return " ".join(begun + [f"far.{end + 1}" for end in (0, 1) if far[end]])
@@ -48,7 +59,7 @@ def _name(code: int) -> str:
 
 
 def _symbols(events: Sequence[int]) -> list[str]:
-    """One symbol an impact or a change of contact."""
+    """Return a symbol for each impact and each change of contact, from the codes of the events."""
     symbols: list[str] = []
     last = 0
     for event in events:
@@ -74,7 +85,10 @@ def _symbols(events: Sequence[int]) -> list[str]:
 
 
 def _chatter_as_one(symbols: Sequence[str], most: int) -> list[str]:
-    """Symbols with the hops of a chatter joined to one symbol; other impacts of an end in a row are counted to `most`."""
+    """Return the symbols with the bounces of each chatter joined to one symbol.
+
+    Other impacts of one end in a row become one symbol, with their number up to `most`.
+    """
     kept: list[tuple[str, int]] = []
     for symbol in symbols:
         name = f"bounces.{symbol[-1]}" if symbol.startswith("SI") else symbol
@@ -90,53 +104,56 @@ def _chatter_as_one(symbols: Sequence[str], most: int) -> list[str]:
 
 
 def far_ends(sequence: str) -> int:
-    """Number of ends that are in the air for more than half a forcing period at a time."""
+    """Return the number of ends that are in the air for more than half a forcing period at a time."""
     return sum(symbol.startswith("far") for symbol in sequence.split())
 
 
 def rests(sequence: str) -> bool:
-    """Whether an end stays on the plate for a part of the period."""
+    """Return True if an end stays on the plate for a part of the period."""
     return any(symbol.startswith(("SC", "DC")) for symbol in sequence.split())
 
 
 class Sides(NamedTuple):
-    """How the sequences on the two sides of a change differ: those on this side of it, and those beyond."""
+    """The difference between the sequences on this side of a change and the sequences beyond it."""
 
-    least: dict[str, int]  # how often a symbol, or a pair of symbols, occurs on the side on which it occurs less often
-    more: dict[str, bool]  # whether it occurs more often on this side
+    # number of a symbol, or of a pair of neighbouring symbols, in a sequence of the side where it occurs less often
+    least: dict[str, int]
+    more: dict[str, bool]  # True if the symbol or pair occurs more often on this side
 
     def here(self, sequence: str) -> bool:
-        """Whether a sequence is one of this side."""
+        """Return True if a sequence belongs to this side."""
         return all(self._alike(sequence).values())
 
     def beyond(self, sequence: str) -> bool:
-        """Whether a sequence is one of the other side.
+        """Return True if a sequence belongs to the other side.
 
-        It is if it lacks all that goes there; if nothing goes, if it has all that comes. A sequence may belong to neither side.
+        It then has none of the symbols that end at the change or, if none ends there, all symbols that begin there. A
+        sequence may belong to neither side.
         """
         alike = self._alike(sequence)
         going = [alike[symbol] for symbol, more in self.more.items() if more]
         return not any(going or alike.values())
 
     def described(self, sequence: str) -> str:
-        """The symbols that go (-) and come (+) from the side of a sequence to the other one."""
+        """Return in words which symbols end (-) and begin (+) at the change, seen from the side of a sequence."""
         here = self.here(sequence)
         return " ".join(f"{'-' if more == here else '+'}{name.replace(' ', '/')}" for name, more in self.more.items())
 
     def between(self, a: str, b: str) -> bool:
-        """Whether the change lies between two sequences."""
+        """Return True if two sequences belong to different sides of the change."""
         return (self.here(a) and self.beyond(b)) or (self.here(b) and self.beyond(a))
 
     def _alike(self, sequence: str) -> dict[str, bool]:
-        """Of each symbol, whether it occurs in a sequence as on this side."""
+        """Return, for each symbol or pair that differs, True if a sequence has it as the sequences of this side do."""
         counts = _counted(sequence)
         return {symbol: (counts[symbol] > least) == self.more[symbol] for symbol, least in self.least.items()}
 
 
 def sides_of(this: str, beyond: str, begins: str = "") -> Sides:
-    """How two sequences differ: in the symbols that occur, or in how often they do, or else in how often one follows another.
+    """Return the difference between a sequence on this side of a change and a sequence beyond it.
 
-    Only symbols that begin with `begins` count.
+    They differ in the symbols that occur, else in how often a symbol occurs, else in how often one symbol follows
+    another. Only symbols that begin with `begins` are compared.
     """
     old, new = _counted(this), _counted(beyond)
     differ = [symbol for symbol in sorted(old | new) if old[symbol] != new[symbol] and symbol.startswith(begins)]
@@ -150,22 +167,22 @@ def sides_of(this: str, beyond: str, begins: str = "") -> Sides:
 
 
 def _counted(sequence: str) -> Counter[str]:
-    """How often each symbol occurs, and each pair."""
+    """Count each symbol of a sequence, and each pair of neighbouring symbols."""
     symbols = sequence.split()
     return Counter(symbols) + Counter(f"{a} {b}" for a, b in pairwise(symbols))
 
 
 class Passage:
-    """The record of some forcing periods from a section point.
+    """The record of the forcing periods from a point of a section to its image.
 
     Parameters
     ----------
     events, segments : ndarray
-        Rows of the kernel's record; they belong to the passage.
+        Rows of the kernel's record; the passage keeps the arrays, which nobody else may change.
     symbols : ndarray of int64
-        Those of the events.
+        Symbols of the events, see ``kernel.passage``.
     read : Read
-        What is read off the record.
+        Numbers that are read off the record.
     """
 
     def __init__(self, events: np.ndarray, segments: np.ndarray, symbols: np.ndarray, read: Read) -> None:
@@ -178,7 +195,7 @@ class Passage:
 
     @property
     def hops(self) -> tuple[float, float]:
-        """Longest time for which each end is off the plate, in the motion of which this is one period [rad]."""
+        """Longest time for which each end is off the plate [rad], in the motion that repeats the passage."""
         return self.read.hop_1, self.read.hop_2
 
     @property
@@ -188,17 +205,17 @@ class Passage:
 
     @property
     def sequence(self) -> str:
-        """The sequence of the motion of which this is one period."""
+        """Sequence of the motion that repeats the passage, with bounces in a row counted up to `MANY`."""
         return spelt(self.symbols.tobytes(), self._far)
 
     @property
     def whole_sequence(self) -> str:
-        """The sequence with all bounces counted."""
+        """Sequence with all bounces counted."""
         return spelt(self.symbols.tobytes(), self._far, whole=True)
 
     @property
     def mirrored_sequence(self) -> str:
-        """The sequence with the ends in each other's place."""
+        """Sequence with the ends exchanged: that of the mirror image of the motion."""
         kinds, causes = np.divmod(self.symbols % SAME_IMPACT, PER_STATE)
         first, second = digits_of(kinds)
         symbols = self.symbols // SAME_IMPACT * SAME_IMPACT + PER_STATE * code_of(second, first) + causes

@@ -1,11 +1,11 @@
 """The Poincaré map of the dimer: from a section to itself, in the coordinates that contact leaves free there.
 
-The section is a phase of the plate that lies away from the events of the orbit. A point of it is the row of those
-coordinates of `period_map.NAMES` that are free in the contact there, in their units; the axial spin is one of them, the
-rest is the fast part. The cost of all that is asked here is counted in forcing periods.
+The section is a phase of the plate away from the events of the orbit. A point of the section is the row of those
+coordinates of `period_map.NAMES` that are free in the contact there, in their units. The axial spin is one of them; the
+others are the fast part. The cost of all runs is counted in forcing periods.
 
-Whatever is asked of the map, or of what is built on it, may be lost (`OrbitLost`): where the kernel cannot go on, or the motion
-comes to another contact. A fault of the kernel is none of this (`KernelError`).
+The map, and all that is built on it, raises `OrbitLost` where the kernel cannot go on, or where the motion comes to the
+section in another contact. A fault of the kernel raises `KernelError` instead.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -43,12 +43,16 @@ from dimersweep.parameters import bounds, check, fill_rows, slots_of
 from dimersweep.runs.period_map import Section, free_coordinates
 from dimersweep.runs.solving import MAX_ROWS, RECORD_GROWTH, RECORD_ROWS
 
-JOINED = 0.1  # distance of points of one branch on both sides of a change of sequence, in units of the section
-MARGIN = 0.03  # distance of the section from the next event that is too small, in forcing periods
-# accuracy, at most, of runs of which central differences are taken, since the errors of neighbours are nearly the same, and of
-# those that lead nearer to an orbit from far away
+# longest leap over a change of sequence within one branch, in units of the section: beyond a longer one lies another
+# orbit
+JOINED = 0.1
+MARGIN = 0.03  # least distance of a section from the next event, in forcing periods: nearer, another section is better
+# rtol of less accurate runs. They serve for central differences, where the errors of neighbours nearly cancel, and on
+# the way to an orbit from far away
 LOOSE = 1e-10
-LONG = 0.1  # length of a smooth phase from which on the simpler contact counts for more than more length
+# length of a smooth phase, in forcing periods, from which on fewer free coordinates make a better section than more
+# length
+LONG = 0.1
 
 WHY_NONE = {
     SUNK: "an end meets the plate at the section",
@@ -60,12 +64,12 @@ T = TypeVar("T")
 
 
 class OrbitLost(OrbitError):
-    """The map cannot be taken here, or leads to another contact: in one line, why."""
+    """The error of a map or an orbit that does not exist here, or is not found; its one line says why."""
 
 
 @contextmanager
 def singular_lost() -> Iterator[None]:
-    """Matrices that have no inverse or no eigenvectors, as an orbit that is lost; also for functions, as their decorator."""
+    """Raise OrbitLost for a matrix without an inverse or eigenvectors; a context, and a decorator of functions."""
     try:
         yield
     except np.linalg.LinAlgError as error:
@@ -73,7 +77,7 @@ def singular_lost() -> Iterator[None]:
 
 
 def first_found(ways: Iterable[Callable[[], T]]) -> T:
-    """What the first of some ways leads to that leads anywhere; if none does, it is lost for the last one's reason."""
+    """Return the result of the first way that succeeds, or raise the error of the last way if all fail."""
     reason: OrbitError = OrbitLost("there is nothing to begin with")
     for way in ways:
         try:
@@ -84,9 +88,10 @@ def first_found(ways: Iterable[Callable[[], T]]) -> T:
 
 
 def in_steps(step: Callable[[T, float], T], begin: T, least: float) -> T:
-    """Where steps lead, each from where the one before has led, up to a share of the way; half as long where one is lost.
+    """Go the whole way from `begin` in steps, and return the result of the last one.
 
-    It is lost where steps would have to be shorter than `least`.
+    ``step(here, to)`` goes on from a result to the share `to` of the way, which is 1 at the end. The first step is the
+    whole way. A step that raises OrbitLost is halved, down to a share of `least`, and the next one is twice as long.
     """
     here, done, length = begin, 0.0, 1.0
     while done < 1.0:
@@ -101,24 +106,27 @@ def in_steps(step: Callable[[T, float], T], begin: T, least: float) -> T:
 
 
 class Image(NamedTuple):
-    """Where a point goes: the image in the free coordinates, and the record."""
+    """The image of a point of the section, and the record of the passage that leads there."""
 
-    point: np.ndarray
+    point: np.ndarray  # image in the free coordinates, shape (n,)
     passage: Passage
 
     @property
     def spin(self) -> float:
-        """After the last impact of the bouncer, or before it is put back [rad/s]."""
+        """Spin after the last impact of the bouncer or, without one, at the end before it is put back [rad/s]."""
         return self.passage.read.spin
 
     @property
     def theta(self) -> float:
-        """Change of theta [rad]."""
+        """Change of theta over the passage [rad]."""
         return self.passage.read.theta
 
 
 class Recorder:
-    """What the maps of one task share: the record that the kernel writes, grown when it is full, and the count of periods."""
+    """The scratch arrays, the record and the count of forcing periods that all maps of one task share.
+
+    The kernel writes into the record, which grows when it is full.
+    """
 
     def __init__(self) -> None:
         self.space = new_workspace()
@@ -128,7 +136,10 @@ class Recorder:
     def run(
         self, row: np.ndarray, start: np.ndarray, periods: int, rtol: float, path: bool = False
     ) -> tuple[np.ndarray, np.ndarray, Passage]:
-        """State and friction modes after whole periods, and the record."""
+        """Return the state and the friction modes after `periods` ends of forcing periods, and the record of the run.
+
+        With `path`, the run follows x1, y1 and gamma, too.
+        """
         self.periods += periods - start[PHASE] / TURN
         ask = ask_for(periods, rtol, path=path)
 
@@ -141,7 +152,10 @@ class Recorder:
         return state, modes, self.passages(reading)[0]
 
     def images(self, m: "ReturnMap", points: np.ndarray, chained: bool) -> tuple[np.ndarray, Reading]:
-        """Images of points of a map, shape (n, k), and what is read off the record; see ``return_map.images``."""
+        """Return the images of points of a map, shape (n, k), and the numbers that are read off the record.
+
+        With `chained`, each point but the first is the image of the one before, see ``return_map.images``.
+        """
         own = (m.plain_row, m.section.units, points, m.free, m.of_section, m.modes, m.ask)
         found = np.empty(points.shape)
 
@@ -154,7 +168,7 @@ class Recorder:
         return found, reading
 
     def _recorded(self, passages: int, made: Callable[[Record, Reading], tuple[Any, ...]]) -> tuple[Any, Reading]:
-        """Return what `made` does, the status first, with a record that holds all."""
+        """Call `made` with larger and larger records until one is not full; return its result and the reading."""
         while True:
             rows = len(self.record.events)
             reading = new_reading(passages, rows)
@@ -164,7 +178,7 @@ class Recorder:
             self.record = new_record(RECORD_GROWTH * rows)
 
     def passages(self, reading: Reading) -> list[Passage]:
-        """The passages in the record."""
+        """Return a copy of each passage in the record."""
         found, event, segment = [], 0, 0
         for read in map(Read._make, reading.rows.tolist()):
             events, segments = slice(event, int(read.events)), slice(segment, int(read.segments))
@@ -176,25 +190,26 @@ class Recorder:
 
 @dataclass(eq=False)
 class ReturnMap:
-    """The map of one dimer on one plate over the periods of a motion."""
+    """The return map of one dimer on one plate, over the forcing periods after which a motion repeats."""
 
-    parameters: dict[str, float]  # of the model, validated
+    parameters: dict[str, float]  # parameters of the model, validated
     phase: float  # phase of the plate at the section [rad]
-    modes: np.ndarray  # friction modes of the ends there, shape (2,)
+    modes: np.ndarray  # friction modes of the ends at the section, shape (2,)
     periods: int  # forcing periods of the motion
     rtol: float  # accuracy [1]
     recorder: Recorder
-    # to which the spin is put back at the start of each forcing period [rad/s]: the map of the fast part alone, all of
-    # whose fixed points close; without it the spin drifts slowly
+    # value to which the spin is put back once in each forcing period [rad/s]. This makes the map of the fast part
+    # alone, whose fixed points are periodic in all coordinates. If it is None, the spin drifts slowly
     spin: float | None = None
-    # phase of the plate at which that is done [rad]: within a period the spin swings by some hundred times its loss, so a
-    # border depends in its sixth digit on it, but not on the section
+    # phase of the plate at which the spin is put back [rad]. Within a period the spin swings by some hundred times its
+    # loss. So the sixth digit of a border depends on this phase, but not on the section
     back: float = 0.0
 
     def __post_init__(self) -> None:
-        # of the parameter that changes along a curve: the least and the greatest value beside the others, its slots in a row
+        # for the parameter that changes along a curve: its bounds beside the other parameters, and its slots in a row
         self.judged: dict[str, tuple[float, float, list[int]]] = {}
-        # they balance the error of differences, step^2 of central and step of one-sided ones, with that of the map, rtol/step
+        # steps of differences, in units of the section. They balance the error of a difference, step^2 if it is central
+        # and step if it is one-sided, with the error from the map, rtol/step
         self.step, self.one_sided = self.rtol ** (1 / 3), self.rtol**0.5
         self.free = np.array(free_coordinates(self.modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
@@ -205,21 +220,24 @@ class ReturnMap:
     def _take_row(self, row: np.ndarray) -> None:
         """Take the kernel's row of the parameters, with the plate at `phi0` at the start."""
         self.plain_row, self.section = row, Section(row, self.rtol, self.recorder.space)
-        self.unit = float(self.section.units[SPIN_COORDINATE])  # of the spin [rad/s]
+        self.unit = float(self.section.units[SPIN_COORDINATE])  # unit of the spin [rad/s]
         vars(self).pop("row", None)
 
     @cached_property
     def row(self) -> np.ndarray:
-        """The kernel's row of the parameters, with the plate at the section's phase at the start."""
+        """Row of parameters for the kernel, with the plate at the phase of the section at the start."""
         return self.row_at(self.phase)
 
     @property
     def dimer(self) -> Dimer:
-        """The dimer."""
+        """Dimer of the kernel."""
         return dimer_of(self.row)
 
     def at(self, name: str, value: float) -> "ReturnMap":
-        """The map in the same section at another value of a parameter; lost if it is not allowed beside the others."""
+        """Return the map in the same section at another value of a parameter.
+
+        Raise OrbitLost if the value is not allowed beside the other parameters.
+        """
         if value == self.parameters.get(name):
             return self
         parameters = self.parameters | {name: value}
@@ -240,19 +258,19 @@ class ReturnMap:
 
     @property
     def loosely(self) -> "ReturnMap":
-        """The map by runs that are less accurate, with the same steps of differences."""
+        """Map by less accurate runs (`LOOSE`), with the same steps of differences."""
         loose = copy(self)
         loose.ask = ask_for(self.periods, max(self.rtol, LOOSE))
         return loose
 
     def row_at(self, phase: float) -> np.ndarray:
-        """The kernel's row of the parameters, with the plate at `phase` [rad] at the start."""
+        """Return the row of parameters for the kernel, with the plate at `phase` [rad] at the start."""
         return started_at(self.plain_row, phase)
 
     def state(self, z: np.ndarray) -> np.ndarray:
-        """The kernel's state at a point.
+        """Return the kernel's state at a point of the section.
 
-        It is lost if an end is below the plate, or higher above the other one than the dimer is long.
+        Raise OrbitLost if an end is below the plate, or higher above the other end than the dimer is long.
         """
         point = np.zeros(self.section.units.size)
         point[self.free] = z
@@ -261,28 +279,35 @@ class ReturnMap:
         return state
 
     def image(self, z: np.ndarray) -> Image:
-        """The image of a point after the periods of the motion.
+        """Return the image of a point after the periods of the motion.
 
-        It is lost where there is no state at the point, and in another contact.
+        Raise OrbitLost if there is no state at the point, or the motion comes to the section in another contact.
         """
         return self.chain(z, 1)[0]
 
     def chain(self, z: np.ndarray, count: int) -> list[Image]:
-        """The image of a point, that of the image, and so on; lost as `image`."""
+        """Return the image of a point, the image of that image, and so on, `count` images in all.
+
+        Raise OrbitLost as `image` does.
+        """
         points = np.empty((count, z.size))
         points[0] = z
         found, reading = self.recorder.images(self, points, True)
         return [Image(*each) for each in zip(found, self.recorder.passages(reading), strict=True)]
 
     def images(self, points: np.ndarray) -> np.ndarray:
-        """The images of points, shape (n, k), with the spins in their unit as a last column; each is lost as `image`."""
+        """Return the images of points, shape (n, k), with the spins in their unit as a last column.
+
+        Raise OrbitLost if one of them has no image, as `image` does.
+        """
         found, reading = self.recorder.images(self, points, False)
         return np.column_stack([found, reading.rows[:, R_SPIN] / self.unit])
 
     def jacobian(self, z: np.ndarray, roughly: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), by central differences.
+        """Return the derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), at a point.
 
-        To one side if they are wanted `roughly`, as for steps of Newton's method: that is half the work.
+        They are central differences or, if they are wanted `roughly`, as for steps of Newton's method, one-sided: half
+        the work.
         """
         if roughly:
             step = max(self.rtol, LOOSE) ** 0.5
@@ -295,9 +320,22 @@ class ReturnMap:
     def differences(
         self, z: np.ndarray, senses: np.ndarray | None = None, mark: Callable[["ReturnMap", Image], float] | None = None
     ) -> np.ndarray:
-        """Derivatives of the image, of the spin in its unit, and of a `mark`, by the coordinates, one row each.
+        """Return the derivatives of the image, of the spin in its unit, and of a `mark`, by the coordinates.
 
-        They are central, or with `senses` (1 or -1) of the coordinates to one side only, as where an end grazes.
+        Parameters
+        ----------
+        z : ndarray, shape (n,)
+            Point of the section.
+        senses : ndarray, shape (n,), optional
+            Side, 1 or -1, to which the difference by each coordinate is taken, as where an end grazes; by default the
+            differences are central.
+        mark : callable, optional
+            Function of a map and an image.
+
+        Returns
+        -------
+        ndarray, shape (n + 1, n) or, with a mark, (n + 2, n)
+            One row for each coordinate of the image, for the spin, and for the mark.
         """
         steps = np.diag(np.full(z.size, self.step) if senses is None else self.one_sided * senses)
         back = z - steps if senses is None else [z]
@@ -312,10 +350,10 @@ class ReturnMap:
     def in_own_section(
         self, now: T, passage: Passage, make: Callable[["ReturnMap", np.ndarray], T], simplest: bool = True
     ) -> T:
-        """`now`, or, if this section does not suit the motion, what `make(map, point)` returns for a better one.
+        """Return ``make(map, point)`` in a better section if this one does not suit the motion, else `now`.
 
-        A section does not suit if events have come near, or (`simplest`) if simpler contact lasts elsewhere in the period. If
-        `make` finds no orbit in the better section, `now` is returned.
+        A section does not suit if an event has come near or, with `simplest`, if fewer coordinates are free elsewhere
+        in the period. If `make` raises OrbitLost in the better section, `now` is returned.
         """
         inner = passage.times[np.mod(passage.times, TURN) > 0]
         near = inner.size and min(inner[0], self.periods * TURN - inner[-1]) <= MARGIN * TURN
@@ -325,29 +363,35 @@ class ReturnMap:
         return now
 
     def moved(self, passage: Passage) -> tuple["ReturnMap", np.ndarray]:
-        """The map with its section halfway through the best smooth phase of the motion, and the motion's point there."""
+        """Return the map with its section in the middle of the best smooth phase, and the point of the motion there."""
         return self.moved_to(passage, best_phase(passage, self.periods).middle)
 
     def sections(self, passage: Passage) -> Iterator[tuple["ReturnMap", np.ndarray]]:
-        """The map with its section halfway through each smooth phase that is long enough and leaves more free than the spin."""
+        """Yield the map with its section in the middle of each smooth phase of a motion, and the motion's point there.
+
+        The longest phase comes first. Phases are left out that are too short, or in which the spin alone is free.
+        """
         for phase in sorted(smooth_phases(passage, self.periods), key=lambda phase: -phase.length):
             if 0.5 * phase.length > MARGIN * TURN and phase.free > 1:
                 yield self.moved_to(passage, phase.middle)
 
     def moved_to(self, passage: Passage, at: float) -> tuple["ReturnMap", np.ndarray]:
-        """The map with its section at a phase since the one it has [rad], and the motion's point there."""
+        """Return the map with its section later by the phase `at` [rad], and the motion's point there."""
         at %= TURN * self.periods
         state, contact = self.sampled(passage, at)
         moved = replace(self, phase=(self.phase + at) % TURN, modes=contact)
         return moved, moved.section.point(state)[moved.free]
 
     def sampled(self, passage: Passage, phase: float) -> tuple[np.ndarray, np.ndarray]:
-        """Kernel state and friction modes at a phase since the section [rad]."""
+        """Return the kernel state and the friction modes at a phase since the section [rad]."""
         states, modes = self.states(passage, np.array([phase]))
         return states[0], modes[0]
 
     def states(self, passage: Passage, phases: np.ndarray, which: Any = None) -> tuple[np.ndarray, np.ndarray]:
-        """Kernel states and friction modes at phases since the section [rad], all in one smooth phase or each in its own."""
+        """Return the kernel states and the friction modes at phases since the section [rad].
+
+        `which` is the number of the smooth phase, or of the smooth phase for each; by default they are looked up.
+        """
         segments = passage.segments
         if which is None:
             which = np.searchsorted(passage.times, phases, side="right") - 1
@@ -359,7 +403,7 @@ class ReturnMap:
 
 
 def _check(status: int) -> None:
-    """Refuse what the kernel has come to: a motion that does not go on is no orbit, a fault of the kernel is an error."""
+    """Raise OrbitLost for the status of a motion that does not go on, and KernelError for a fault of the kernel."""
     if status in WHY_NONE:
         raise OrbitLost(WHY_NONE[status])
     if status in (MAX_EVENTS, JAMMED, RECORD_FULL):
@@ -371,13 +415,16 @@ def _check(status: int) -> None:
 class SmoothPhase(NamedTuple):
     """A stretch of a motion without an event."""
 
-    middle: float  # since the section [rad]
-    length: float  # [rad]
+    middle: float  # phase of its middle since the section [rad]
+    length: float  # its length [rad]
     free: int  # number of coordinates that contact leaves free there
 
 
 def smooth_phases(passage: Passage, periods: int) -> list[SmoothPhase]:
-    """The smooth phases of a motion; that in which the section lies is counted once, in its full length."""
+    """Return the smooth phases of a motion.
+
+    The phase in which the section lies begins before the section and ends after it. It comes last, in its full length.
+    """
     (events,) = np.nonzero(np.mod(passage.times, TURN) > 0)
     starts = passage.times[events] if events.size else np.zeros(1)
     lengths = np.diff(np.append(starts, starts[0] + TURN * periods))
@@ -389,6 +436,10 @@ def smooth_phases(passage: Passage, periods: int) -> list[SmoothPhase]:
 
 
 def best_phase(passage: Passage, periods: int) -> SmoothPhase:
-    """A smooth phase that suits a section: of those longer than `LONG` one with the fewest free coordinates, the longest."""
+    """Return the smooth phase of a motion that suits a section best.
+
+    It has the fewest free coordinates of those that are longer than `LONG` or, if none is, of all. The longest of
+    several is taken.
+    """
     phases = smooth_phases(passage, periods)
     return min(phases, key=lambda phase: (phase.length < LONG * TURN, phase.free, -phase.length))
