@@ -1,7 +1,7 @@
-"""A branch of orbits in one parameter or the spin: its points, and steps along it in pseudo-arclength.
+"""Points of a branch of orbits in one parameter or the spin, with their equations and derivatives.
 
-A point of a branch is y = (section point, parameter over its scale). Two points that follow one another are in the same
-section, so that what lies between them is found on planes across the line from one to the other.
+The unknowns of a point are y = (section point, parameter over its scale). Two points that follow one another are in the
+same section, so that points between them are found on planes across the line from one to the other.
 """
 
 from collections.abc import Callable, Iterator
@@ -17,92 +17,101 @@ from dimersweep.analysis.orbits.map.manifold import lag, multipliers_of
 from dimersweep.analysis.orbits.map.newton import NEWTON_STEPS, Fixed, defect, fixed_at, newton, solve, system, target
 from dimersweep.analysis.orbits.map.poincare import TURN, Image, OrbitLost, ReturnMap, first_found, singular_lost
 
-NEAR_TURN = 0.05  # part of the parameter in a tangent below which it says nothing of where on a branch one is
+# entry of the parameter in a tangent (of length 1) below which the branch is near a fold: two points may then have one
+# value of the parameter, which does not tell them apart
+NEAR_TURN = 0.05
 
-Mark = Callable[[ReturnMap, Image], float]  # what is zero at a border, beside the equations of an orbit
+Mark = Callable[[ReturnMap, Image], float]  # function of an orbit that is zero at a border
 
 
 class Axis(NamedTuple):
     """The quantity that changes along a branch."""
 
-    name: str  # of a parameter, or "spin"
-    scale: float  # by which its values are divided
-    spin: float | None  # axial spin along a branch in a parameter [rad/s]; None where it is free, and nothing drifts
+    name: str  # name of a parameter, or "spin"
+    scale: float  # its unit in y: values are divided by it
+    spin: float | None  # axial spin along a branch in a parameter [rad/s]; None if it is free, without drift
 
     def map_at(self, m: ReturnMap, share: float) -> ReturnMap:
-        """The map at a value of the parameter over its scale; lost where the parameter does not allow it."""
+        """Return the map at a value of the parameter over its scale; raise OrbitLost if the value is not allowed."""
         return m if self.name == "spin" else m.at(self.name, float(share * self.scale))
 
     def image(self, m: ReturnMap, y: np.ndarray) -> Image:
-        """The image of a section point with the parameter over its scale."""
+        """Return the image of a section point followed by the parameter over its scale, shape (n + 1,)."""
         return self.map_at(m, y[-1]).image(y[:-1])
 
     def taken_up(self, fixed: Fixed) -> Fixed:
-        """A fixed point to begin a branch with; where the spin is free, the one nearby at which nothing drifts."""
+        """Return the fixed point with which a branch begins: `fixed` or, for a free spin, one nearby without drift."""
         if self.spin is not None:
             return fixed
         places = chain([(fixed.map, fixed.z)], fixed.map.sections(fixed.image.passage))
         return first_found(partial(solve, *place, None) for place in places)
 
     def spin_at(self, value: float) -> float | None:
-        """The axial spin at a value of the quantity [rad/s]; None where it is free."""
+        """Return the axial spin at a value of the quantity [rad/s]; None if it is free."""
         return value if self.name == "spin" else self.spin
 
 
 class Point(NamedTuple):
-    """A point of a branch; see `continuation.OnCurve`."""
+    """A point of a branch of orbits, for steps along it (`steps.OnCurve`)."""
 
     axis: Axis
     fixed: Fixed
-    value: float  # of the parameter
+    value: float  # value of the parameter
     slope: np.ndarray  # derivative of `defect` by the parameter over its scale, shape (n,)
-    # of length one, in the sense of the branch; where an end grazes, that in which the gap opens, shape (n + 1,)
+    # tangent of length 1 in the sense of the branch, shape (n + 1,); where an end grazes, the direction in which its
+    # gap opens
     tangent: np.ndarray
-    # where a mark is zero: its derivative by the section point and the parameter over its scale, shape (n + 1,)
+    # at a zero of a mark: derivative of the mark by the section point and the parameter over its scale, shape (n + 1,)
     mark_slope: np.ndarray | None = None
-    grazes: bool = False  # whether an end just misses the plate
+    grazes: bool = False  # True if an end just misses the plate
 
     @property
     def map(self) -> ReturnMap:
-        """The map of its section."""
+        """Map whose section the point lies in."""
         return self.fixed.map
 
     @property
     def sequence(self) -> str:
-        """The sequence of its motion."""
+        """Symbol sequence of the motion."""
         return self.fixed.image.passage.sequence
 
     @property
     def y(self) -> np.ndarray:
-        """The section point with the parameter over its scale."""
+        """Unknowns: the section point, and the parameter over its scale, shape (n + 1,)."""
         return np.array([*self.fixed.z, self.value / self.axis.scale])
 
     @property
     def multipliers(self) -> np.ndarray:
-        """Of the fast part; where the spin is free, with that of the slow direction."""
+        """Multipliers of the fast part and, if the spin is free, of the slow direction."""
         fast, slow = multipliers_of(self.fixed)
         return np.append(fast, slow) if self.axis.spin is None else fast
 
     def matrix(self) -> np.ndarray:
-        """Derivative of `defect` by y, shape (n, n + 1)."""
+        """Return the derivative of `defect` by y, shape (n, n + 1)."""
         fixed = self.fixed
         return np.column_stack([system(fixed.map, fixed.matrix, fixed.gradient, self.axis.spin is None), self.slope])
 
     def towards(self, along: np.ndarray | float) -> "Point":
-        """The point with its tangent in the sense of another one, or of a change of the parameter (1 or -1)."""
+        """Return the point with its tangent in the sense of a vector, or of a change of the parameter (1 or -1)."""
         onward = self.tangent[-1] * along if np.ndim(along) == 0 else self.tangent @ along
         return self if onward >= 0 else self._replace(tangent=-self.tangent)
 
     def on_plane(self, y: np.ndarray, normal: np.ndarray) -> "Point":
-        """The point of the branch on the plane through `y` across `normal`, with its own derivatives."""
+        """Find the point of the branch on the plane through `y` across `normal`, with its own derivatives.
+
+        Raise OrbitLost if there is none nearby.
+        """
         return with_derivatives(lent(self, y, normal))
 
     def side(self) -> float:
-        """A sign that stays along a branch, through folds and kinks, where the tangent keeps its sense, in one section."""
+        """Return a sign, 1.0 or -1.0, that stays the same along a branch in one section, through folds and kinks.
+
+        A change of the sign shows that the tangent has lost the sense of the branch.
+        """
         return float(np.linalg.slogdet(np.vstack([self.matrix(), self.tangent]))[0])
 
     def judge(self, to: "Point", step: float) -> None:
-        """Refuse a step over which the branch turns too far; where the spin is free, also one that leaps."""
+        """Raise OrbitLost if the branch turns too far over a step or, if the spin is free, turns back at a kink."""
         if self.tangent @ to.tangent < SAME_WAY:
             raise OrbitLost("the branch turns too sharply")
         if self.axis.spin is None:
@@ -111,16 +120,16 @@ class Point(NamedTuple):
                 raise OrbitLost("the branch turns back at a kink")
 
     def settled(self, simplest: bool = True) -> "Point":
-        """The point in another section, if events have come near its own, or (`simplest`) if simpler contact lasts elsewhere.
+        """Return the point in another section if that suits it better, as `ReturnMap.in_own_section` decides.
 
-        Where no orbit is found in another section, and where an end grazes, the point stays in its own.
+        The point stays in its own section where no orbit is found in another one, and where an end grazes.
         """
         if self.grazes:
             return self
         return self.map.in_own_section(self, self.fixed.image.passage, partial(_moved, self), simplest)
 
     def elsewhere(self) -> "Iterator[Point]":
-        """The point in the section of each smooth phase of its motion in which Newton's method finds it."""
+        """Yield the point in the section of each smooth phase of its motion in which Newton's method finds it."""
         for moved, z in self.map.sections(self.fixed.image.passage):
             with suppress(OrbitLost):
                 yield _moved(self, moved, z)
@@ -129,7 +138,20 @@ class Point(NamedTuple):
 def slope_of(
     axis: Axis, m: ReturnMap, z: np.ndarray, share: float, sense: float = 0.0, mark: Mark | None = None
 ) -> np.ndarray:
-    """Derivative of `defect`, and of a mark, by the parameter over its scale; with a `sense` of 1 or -1, to that side only."""
+    """Return the derivative of `defect`, shape (n,), by the parameter over its scale; that of a mark is a last entry.
+
+    Parameters
+    ----------
+    axis : Axis
+    m : ReturnMap
+    z : ndarray, shape (n,)
+        Point of the section.
+    share : float
+        Value of the parameter over its scale.
+    sense : float
+        Side, 1 or -1, to which the difference is taken; 0 for a central difference.
+    mark : callable, optional
+    """
     if axis.name == "spin":
         slope = np.zeros(z.size if mark is None else z.size + 1)
         slope[m.slow] = -axis.scale / m.unit
@@ -144,7 +166,7 @@ def slope_of(
     def between(ahead: float, back: float) -> np.ndarray:
         return (at(ahead) - at(back)) / (ahead - back)
 
-    # the last two at the edge of what the parameter allows
+    # a central difference is not to be had at a bound of the parameter: then one to either side is tried
     ways = [(sense * m.one_sided, 0.0)] if sense else [(m.step, -m.step), (m.step, 0.0), (0.0, -m.step)]
     return first_found(partial(between, *way) for way in ways)
 
@@ -153,7 +175,7 @@ def slope_of(
 def point_of(
     axis: Axis, fixed: Fixed, value: float, along: np.ndarray | float = 1.0, slope: np.ndarray | None = None
 ) -> Point:
-    """A point of the branch with its tangent, in the sense of `along`, see `Point.towards`; and the slope, if it is known."""
+    """Return the point of a branch at a fixed point, with its tangent in the sense of `along`, see `Point.towards`."""
     if slope is None:
         slope = slope_of(axis, fixed.map, fixed.z, value / axis.scale)
     point = Point(axis, fixed, value, slope, np.empty(0))
@@ -161,9 +183,9 @@ def point_of(
 
 
 def with_derivatives(point: Point, senses: np.ndarray | None = None, mark: Mark | None = None) -> Point:
-    """A point with its derivatives and tangent taken anew, and the derivative of a mark.
+    """Return a point with its derivatives and its tangent computed anew, and with the derivative of a mark.
 
-    With `senses` (1 or -1, for the section point and the parameter) they are taken to one side only.
+    With `senses`, shape (n + 1,), the differences are taken to one side only, 1 or -1 for each entry of y.
     """
     axis, fixed, m = point.axis, point.fixed, point.map
     rows = m.differences(fixed.z, None if senses is None else senses[:-1], mark)
@@ -174,9 +196,10 @@ def with_derivatives(point: Point, senses: np.ndarray | None = None, mark: Mark 
 
 
 def lent(near: Point, y: np.ndarray, normal: np.ndarray, most: int = NEWTON_STEPS) -> Point:
-    """The point of the branch on the plane through `y` across `normal`, with the derivatives and the tangent of `near`.
+    """Find the point of a branch on the plane through `y` across `normal`, with the derivatives of `near`.
 
-    Newton's method may take `most` new derivatives on its way. It is lost if there is none nearby.
+    Its tangent is that of `near`, too. Newton's method may compute `most` new derivatives on its way. OrbitLost is
+    raised if there is no point nearby.
     """
     axis = near.axis
 
@@ -190,23 +213,23 @@ def lent(near: Point, y: np.ndarray, normal: np.ndarray, most: int = NEWTON_STEP
 
 
 class Equations:
-    """The equations of a point: the orbit closes, and one more equation holds.
+    """The equations of a point near another one: `defect` is zero, and so is one more function, `last`.
 
-    That is where `last`, of section point with parameter, map and image, is zero.
+    The arguments of `last` are y, the map and the image.
     """
 
     def __init__(self, near: Point, last: Callable[[np.ndarray, ReturnMap, Image], float]) -> None:
         self.axis, self.near, self.last = near.axis, near, last
 
     def value(self, there: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
-        """How far the equations fail to hold, and the map and image from which this is known."""
+        """Return the values of the functions to be zero, shape (n + 1,), and the map and image they come from."""
         own = self.axis.map_at(self.near.map, there[-1])
         image = own.image(there[:-1])
         fails = defect(own, there[:-1], image, self.axis.spin_at(there[-1] * self.axis.scale))
         return np.array([*fails, self.last(there, own, image)]), (own, image)
 
     def derivative(self, there: np.ndarray, step: float | None = None) -> np.ndarray:
-        """Derivative of all equations, by central differences."""
+        """Return the derivative of `value` by y, shape (n + 1, n + 1), by central differences."""
         step = self.near.map.step if step is None else step
         steps = step * np.eye(there.size)
         return np.array([(self.value(there + d)[0] - self.value(there - d)[0]) / (2 * step) for d in steps]).T
@@ -218,36 +241,40 @@ class Equations:
         known: np.ndarray | None = None,
         most: int = NEWTON_STEPS,
     ) -> tuple[Point, np.ndarray | None]:
-        """The point near `y` at which they hold, with the derivatives and the tangent of `near`, and the last derivative used.
+        """Find the point near `y` at which the equations hold, and return it with the last derivative used.
 
-        `derivative`, `known` and `most` are those of `newton`. It is lost if there is none nearby.
+        The point has the derivatives and the tangent of `near`. `derivative`, `known` and `most` are those of `newton`.
+        OrbitLost is raised if there is no such point.
         """
         root = newton(self.value, y, derivative, target(self.near.map, self.axis.spin is None), known, most)
         return self.point(root.y, root.extra, float(np.abs(root.value[:-1]).max())), root.derivative
 
     def point(self, y: np.ndarray, extra: tuple[ReturnMap, Image], residual: float = 0.0) -> Point:
-        """The point at a solution, and what `value` returned there."""
+        """Return the point at a solution `y`, from the map and image that `value` returned there."""
         own, image = extra
         fixed = self.near.fixed._replace(map=own, z=y[:-1], image=image, residual=residual)
         return self.near._replace(fixed=fixed, value=float(y[-1] * self.axis.scale), mark_slope=None, grazes=False)
 
 
 def _moved(point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
-    """A point of a branch in another section; `z` is that of its motion there."""
+    """Find the point of a branch in another section, where its motion passes `z`; raise OrbitLost if there is none."""
     axis = point.axis
     fixed = fixed_at(moved, z)
-    fixed = fixed._replace(
-        z=z - lag(fixed)
-    )  # what is a fixed point in one section is one that drifts slowly in another
+    # the motion of a fixed point in one section drifts slowly in another, so it lies beside the fixed point there
+    fixed = fixed._replace(z=z - lag(fixed))
     slope = slope_of(axis, moved, z, point.value / axis.scale)
     near = Point(axis, fixed, point.value, slope, np.zeros(z.size + 1))
+    # the point keeps its value of the parameter, but near a fold, where another point of the branch has that value, too
     turns = abs(point.tangent[-1]) < NEAR_TURN
     normal = np.linalg.svd(near.matrix())[2][-1] if turns else np.eye(z.size + 1)[-1]
     return near.on_plane(near.y, normal).towards(_ahead(point, moved, z))
 
 
 def _ahead(point: Point, moved: ReturnMap, z: np.ndarray) -> np.ndarray:
-    """Where a branch leads from a point, in another section: the way that a motion a little ahead has there."""
+    """Return the sense of a branch in another section, shape (n + 1,), for `Point.towards`.
+
+    It is the way from the motion of the point, which passes `z` there, to a motion a little ahead.
+    """
     m = point.map
     onward = np.append(np.zeros(z.size), point.tangent[-1])
     with suppress(OrbitLost):

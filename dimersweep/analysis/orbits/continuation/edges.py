@@ -1,4 +1,4 @@
-"""The edge of a basin: where the fate of a start changes, and the motion that a start on the edge stays near."""
+"""Edges of basins: the start at which the mode that a run comes to changes, and the motion that it stays near."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -24,40 +24,42 @@ from dimersweep.runs.run import Run
 from dimersweep.runs.simulating import simulate
 from dimersweep.symbols import PARAMETERS
 
-EDGE_KNOWN = 1e-10  # how well an edge is known, in the unit of its axis
-# change of the strobe in a period, in g/omega^2 and g/omega, of a motion that is near a periodic one
+EDGE_KNOWN = 1e-10  # accuracy of an edge by default, in the unit of its axis
+# change of gaps and rates in a period, in g/omega^2 and g/omega, below which a motion is near a periodic one
 NEAR_PERIODIC = 0.3
-# starts on either side of an edge, at each of some distances, that decide whether it is clean
+# number of starts on each side of an edge at each distance, and of distances, that decide whether the edge is clean
 STARTS_BESIDE, SCALES = 6, 4
-PROBES, DISTANCES = 60, (1e-3, 1e-4, 1e-5, 1e-6)  # for the uncertainty exponent, in shares of the interval
+# number of starts, and their distances from neighbours in shares of the interval, for the uncertainty exponent
+PROBES, DISTANCES = 60, (1e-3, 1e-4, 1e-5, 1e-6)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Edge:
-    """Where the fate of a start changes.
+    """A start at which the fate of runs changes, that is, the mode of motion that they come to.
 
     Attributes
     ----------
     axis : str
+        Parameter of the start that was halved.
     value : float
         Middle of `bracket`, in the unit of the axis.
     bracket : tuple of float
-        Starts with different fates.
+        Values of the axis on both sides of the edge.
     fates : tuple of str
-        Modes that they lead to.
+        Modes that runs from the ends of the bracket come to.
     near : PeriodicOrbit or None
-        The periodic motion that a start on the edge stays near for longest, if it is one.
+        Periodic motion that a start on the edge stays near for longest; None if it stays near none.
     stays : int
-        Forcing periods for which it stays near it.
+        Forcing periods for which the start stays near this motion.
     partner : bool or None
-        Whether that motion is the unstable partner of a fold: followed down in Gamma it turns round into a stable one.
+        True if this motion is the unstable partner of a fold: followed down in Gamma, it turns round into a stable one.
     clean : bool
-        Whether all starts tried beside the edge share the fate of their side.
+        True if all starts tried beside the edge share the fate of their side.
     exponent : float
-        Where it is not clean, the uncertainty exponent: the share of starts whose fate is not certain falls with this
-        power of the distance to which a start is known; else NaN.
+        Uncertainty exponent of an edge that is not clean, else NaN. The share of starts whose fate is uncertain falls
+        with this power of the accuracy to which a start is known.
     runs : int
-        Runs that it took.
+        Number of runs that the edge took.
 
     Examples
     --------
@@ -87,22 +89,22 @@ def edge(
     within: float = EDGE_KNOWN,
     **parameters: float,
 ) -> Edge:
-    """The border between two fates of a start, by halving an axis of it.
+    """Find the edge between two fates of a start, by halving a parameter of the start.
 
     Parameters
     ----------
     axis : str
-        beta0, xdot0, phi0 or any other parameter.
+        Parameter that is halved: beta0, xdot0, phi0 or any other.
     between : tuple of float or str
-        Two values that lead to different modes of motion.
+        Two values of it that lead to different modes of motion.
     periods : int
-        Forcing periods of a run at most.
+        Largest number of forcing periods of a run.
     rtol : float
         Accuracy of the runs [1].
     within : float
-        How well the edge is to be known, in the unit of the axis.
+        Width to which the bracket is halved, in the unit of the axis.
     **parameters : float
-        Of the model.
+        Parameters of the model; by default the paper's base case.
 
     Returns
     -------
@@ -154,14 +156,14 @@ def edge(
 
 
 def _clean(fate: Callable[[float], str], low: float, high: float, wide: float) -> bool:
-    """Whether starts beside an edge, up to a hundredth of the interval from it, share the fate of their side."""
+    """Return True if starts beside an edge, up to a hundredth of the interval from it, share the fate of their side."""
     distances = np.geomspace(max(10 * abs(high - low), 1e-6 * abs(wide)), 1e-2 * abs(wide), SCALES)
     aside = np.sign(wide) * np.outer(distances, np.linspace(0.3, 1.0, STARTS_BESIDE)).ravel()
     return all(fate(low - by) == fate(low) and fate(high + by) == fate(high) for by in aside.tolist())
 
 
 def uncertainty(fate: Callable[[float], str], low: float, high: float) -> float:
-    """Uncertainty exponent of the fates in an interval (McDonald et al., doi 10.1016/0167-2789(85)90001-6)."""
+    """Return the uncertainty exponent of fates in an interval (McDonald et al., doi 10.1016/0167-2789(85)90001-6)."""
     starts = np.random.default_rng(0).uniform(low, high, PROBES)
     kept: list[tuple[float, float]] = []
     for distance in DISTANCES:
@@ -175,7 +177,7 @@ def uncertainty(fate: Callable[[float], str], low: float, high: float) -> float:
 
 
 def _stays_near(runs: list[Run]) -> tuple[PeriodicOrbit | None, int]:
-    """The periodic motion that two runs stay near before they part, and for how many forcing periods."""
+    """Return the periodic motion that two runs stay near before they part, and the number of forcing periods."""
     ends = [_strobes(run) for run in runs]
     count = min(map(len, ends))
     together = np.abs(ends[0][:count, :4] - ends[1][:count, :4]).max(axis=1) < NEAR_PERIODIC
@@ -185,13 +187,16 @@ def _stays_near(runs: list[Run]) -> tuple[PeriodicOrbit | None, int]:
         return None, 0
     stillest = int(np.argmin(change))
     near = np.concatenate([[False], change < NEAR_PERIODIC, [False]])
-    first = stillest - int(np.argmin(near[stillest::-1]))  # just before the stretch
-    last = stillest + 1 + int(np.argmin(near[stillest + 1 :]))  # just after it
+    first = stillest - int(np.argmin(near[stillest::-1]))  # just before the stretch of periods near the motion
+    last = stillest + 1 + int(np.argmin(near[stillest + 1 :]))  # just after the stretch
     return _orbit_at(runs[0], int(ends[0][stillest, 4])), max(1, last - first - 1)
 
 
 def _strobes(run: Run) -> np.ndarray:
-    """Gaps and their rates at the ends of the periods, in g/omega^2 and g/omega, and the number of the segment."""
+    """Return a row for each start of a forcing period but the first, shape (n, 5).
+
+    It has the gaps in g/omega^2, their rates in g/omega, and the number of the segment that begins there.
+    """
     segments = run.record("edge").segments
     (rows,) = np.nonzero((segments[:, PHASE] == 0.0) & (segments[:, PERIOD] > 0))
     omega = 2 * np.pi * run.parameters["f"]
@@ -200,7 +205,7 @@ def _strobes(run: Run) -> np.ndarray:
 
 
 def _orbit_at(run: Run, number: int) -> PeriodicOrbit | None:
-    """The orbit that Newton's method comes to from the beginning of a segment of a run, at the end of a period."""
+    """Find the orbit near the beginning of a segment of a run, which begins with a period; return None without one."""
     with suppress(OrbitLost):
         m, z = of_run(run, first_map(run.parameters), number)
         return orbit_of(centred(solve(m, z, m.image(z).spin)))
@@ -208,7 +213,10 @@ def _orbit_at(run: Run, number: int) -> PeriodicOrbit | None:
 
 
 def _is_partner(orbit: PeriodicOrbit) -> bool:
-    """Whether an orbit has one multiplier above 1, and turns round at a fold into a stable one as Gamma falls."""
+    """Return True if an orbit is the unstable partner of a fold.
+
+    It has one multiplier above 1 and, followed down in Gamma, turns round at a fold into a stable orbit.
+    """
     if (np.abs(orbit.multipliers) > 1).sum() != 1 or orbit.multipliers[0].real < 1:
         return False
     with suppress(OrbitError):

@@ -1,4 +1,4 @@
-"""Follow an orbit along a branch, through folds, with its stability, its sequences and its special points."""
+"""Follow an orbit along a branch, through folds, with its stability, sequences and special points."""
 
 from contextlib import suppress
 from dataclasses import replace
@@ -25,16 +25,16 @@ from dimersweep.symbols import PARAMETERS
 
 BEYOND_SEQUENCE = "word: the orbit does not go on beyond its sequence; the next one found has the sequence"
 MIRRORED = "plane: the spin is zero; beyond lies the mirror image of the branch"
-LEAST_SCALE = 1e-3  # of a parameter, where it and its target are both near zero
+LEAST_SCALE = 1e-3  # least scale of a parameter, for a branch whose values are all near zero
 
 
 class BranchRow(NamedTuple):
     """A row of the dataset of a branch."""
 
     orbit: PeriodicOrbit
-    value: float
-    kind: Kind | None = None
-    jump: float = 0.0
+    value: float  # value of the parameter
+    kind: Kind | None = None  # kind of border that the branch crosses there, if any
+    jump: float = 0.0  # jump of the orbit over a change of sequence, in units of the section
 
 
 def follow(
@@ -47,32 +47,32 @@ def follow(
     sequences: bool = True,
     sustained: bool = False,
 ) -> xr.Dataset:
-    """The branch of an orbit in a parameter or the spin, by pseudo-arclength steps, through folds.
+    """Follow the branch of an orbit in a parameter or the spin, by pseudo-arclength steps, through folds.
 
     Parameters
     ----------
     orbit : PeriodicOrbit
-        Where the branch begins.
+        First orbit of the branch.
     parameter : str
         Any parameter of the model, or "spin".
     to : float or str
-        Where it ends. A branch that turns round at a fold ends where it comes back to the value it began with.
+        Value at which the branch ends. A branch that turns round at a fold ends where it comes back to its first value.
     points : int
-        Points at most, special ones aside.
+        Largest number of points; special points are not counted.
     switch : bool
-        Whether to leave the branch at its first flip for that of twice the period.
+        Leave the branch at its first flip for the branch of twice the period.
     sequences : bool
-        Whether changes of the symbol sequence are located.
+        Locate changes of the symbol sequence.
     sustained : bool
-        Whether the spin is free, and is all along the branch one at which nothing drifts; the first is found from the orbit.
+        Leave the spin free, and follow a sustained spin, which does not drift; the first one is found from the orbit.
 
     Returns
     -------
     xarray.Dataset
-        Along `point`: the attributes of a `PeriodicOrbit`, the parameter, and `special`: fold, flip, torus, pitchfork or word
-        where the row is such a point (1e-8 in the parameter over its scale), else none, with the kind of `change` of the
-        sequence and the `jump` of the orbit. Words are flags (see `names`). The attribute `end` says why the branch ends,
-        `cost` how many forcing periods of the map it took.
+        Along `point`: the attributes of a `PeriodicOrbit`, the parameter, and `special`: fold, flip, torus, pitchfork
+        or word where the row is such a point (to 1e-8 in the parameter over its scale), else none. At a word, `change`
+        is the kind of change of the sequence, and `jump` the jump of the orbit. Words are flags (see `names`). The
+        attribute `end` says why the branch ends; `cost` is the number of forcing periods of the map that it took.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def follow(
 
 
 class Trace(NamedTuple):
-    """The points of a branch, why it ends, and the forcing periods of the map that it took."""
+    """The rows of a branch, the reason for its end in words, and the forcing periods of the map that it took."""
 
     entries: list[BranchRow]
     end: str
@@ -119,7 +119,7 @@ def traced(
     sequences: bool = True,
     sustained: bool = False,
 ) -> Trace:
-    """The points of a branch; see `follow`."""
+    """Follow a branch as `follow` does, and return its rows."""
     axis, start, to = _axis(orbit, parameter, to, sustained)
     free = axis.spin is None
     edges = {
@@ -165,7 +165,7 @@ def traced(
 
 
 def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool) -> tuple[Axis, float, float]:
-    """The quantity that changes along the branch, its value at the orbit, and where it ends."""
+    """Return the quantity that changes along the branch, its value at the orbit, and its value at the end."""
     if not isinstance(orbit, PeriodicOrbit):
         raise ParameterError(f"orbit = {orbit!r}: must be a PeriodicOrbit")
     to = as_number("to", to, units_along(parameter))
@@ -182,7 +182,10 @@ def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool
 
 
 def _over_kink(point: Point, low: float, high: float) -> tuple[Point, str]:
-    """A sustained spin beyond a kink of the drift, by steps of the parameter in its range; or the last one, and how it ends."""
+    """Go on over a kink of the drift, by steps of the parameter between `low` and `high`.
+
+    Return a point with a sustained spin beyond, and ""; or the last point, and the reason for the end of the branch.
+    """
     sense = float(np.sign(point.tangent[-1]))
     last, goes_on = furthest(lambda other: low <= other.value <= high, point, sense)
     if goes_on:
@@ -195,7 +198,10 @@ def _over_kink(point: Point, low: float, high: float) -> tuple[Point, str]:
 
 
 def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:
-    """The first point of the branch, in its section or, where that has no derivatives, in another one; lost if none has."""
+    """Return the first point of the branch, in its own section or, if it has no derivatives there, in another one.
+
+    Raise OrbitLost if it has none in any section.
+    """
     try:
         return point_of(axis, fixed, value)
     except OrbitLost:

@@ -19,77 +19,89 @@ from dimersweep.analysis.orbits.map.passage import TURN, Sides
 from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap
 from dimersweep.kernel.verdict.past import HOP_LINE
 
-COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers is complex
-HOP_ASIDE = 1e-9  # how far on this side of a hop of half a period its orbit lies, in forcing periods
+COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers counts as complex: a smaller one may be round-off
+# distance of the longest hop at the border of hops from half a period, in forcing periods, towards this side: there the
+# sequence is that of this side for certain
+HOP_ASIDE = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Kind:
     """A kind of border; `curves.CURVES` has the curve of each class of kinds."""
 
-    name: str  # as `orbits.border` takes it
-    meaning: str  # what happens to the orbit there
-    color: str  # of its curves, and of its points on branches, in pictures
+    name: str  # name that `orbits.border` takes
+    meaning: str  # event of the orbit at the border, in words
+    color: str  # colour of its curves, and of its points on branches, in pictures
     marker: str
-    ball: Callable[[float], float] | None = None  # Gamma of this border for a ball that bounces once a period, from e
-    senses: tuple[float, ...] = (1.0, -1.0)  # of the parameter, in which the border is looked for from an orbit
-    # of the way from the ball's fold to its flip, where those orbits are looked for
+    # Gamma of this border, as a function of e, for a ball that bounces once a period
+    ball: Callable[[float], float] | None = None
+    # senses of the parameter in which the border is looked for from an orbit, in the order of trial
+    senses: tuple[float, ...] = (1.0, -1.0)
+    # shares of the way in Gamma from the ball's fold to its flip at which these orbits begin, in the order of trial
     shares: tuple[float, ...] = (0.3, 0.1, 0.6, 0.8, 0.2, 0.05)
-    rows: ClassVar[int] = 0  # real vectors that make the eigenvector there: 1 or 2; 0 where multipliers say nothing
-    of_sequence: ClassVar[bool] = False  # whether the sequence changes there
-    doubles: bool = False  # whether the period is doubled there
-    # from the sides of a change of sequence, the function of the orbit that is zero there, if one is known
+    # number of real vectors that make up the eigenvector at the border, 1 or 2; 0 if it is no border of multipliers
+    rows: ClassVar[int] = 0
+    of_sequence: ClassVar[bool] = False  # True if the sequence changes at the border
+    doubles: bool = False  # True if the period doubles at the border
+    # makes, from the sides of a change of sequence, the function of the orbit that is zero at the change, if there is
+    # one
     zero: Callable[[Sides], Mark | None] | None = None
 
     @property
     def has_equation(self) -> bool:
-        """Whether it is where a function of the orbit is zero."""
+        """True if the border lies at the zero of a function of the orbit."""
         return self.rows > 0 or self.zero is not None
 
     def test(self, point: Point) -> float:
-        """A function of a point of a branch that changes its sign at the border; NaN if there is none."""
+        """Return a function of a point of a branch that changes its sign at the border; NaN if there is none."""
         return float("nan")
 
     def holds(self, point: Point) -> bool:
-        """Whether the border is at a point where its test function is zero."""
+        """Return True if a point where the test function is zero is a point of the border."""
         return True
 
     def others(self, values: np.ndarray) -> np.ndarray:
-        """Of multipliers at the border, those that it does not concern."""
+        """Return the multipliers without those whose value the border fixes: from all multipliers of an orbit on it."""
         return values
 
     def is_all(self, values: np.ndarray) -> bool:
-        """Whether nothing but this border takes stability away: of multipliers there, all others are below 1 in size."""
+        """Return True if the `others` of an orbit on the border are below 1 in size: no other border ends stability."""
         return bool((np.abs(self.others(values)) < 1).all())
 
     def crossing(self, real: np.ndarray) -> float:
-        """A function of the real multipliers on another border, less its own, that changes its sign where it meets this one."""
+        """Return a function that changes its sign where another border meets this one.
+
+        Its argument has the real multipliers on the other border, without those that the other border fixes.
+        """
         return float("nan")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bifurcation(Kind, ABC):
-    """A border at which a multiplier of the orbit, or a pair of them, has a certain value.
+    """A border at which a multiplier of the orbit, or a pair of multipliers, has a certain value.
 
-    The derivative J of the map has an eigenvector to the multiplier there: one real vector, or the real and the imaginary
-    part of a complex one.
+    The derivative J of the map has an eigenvector to this multiplier: one real vector, or the real and the imaginary
+    part of a complex vector.
     """
 
     @abstractmethod
     def multiplier(self, unknown: np.ndarray) -> complex:
-        """The multiplier at the border, from what is not known of it (nothing, or one number)."""
+        """Return the multiplier at the border from its unknown number, shape (1,), or (0,) if the border fixes all."""
 
     def slope(self, unknown: np.ndarray) -> complex:
-        """Derivative of the multiplier by what is not known of it."""
+        """Return the derivative of the multiplier by its unknown number."""
         raise NotImplementedError
 
     @abstractmethod
     def away(self, values: np.ndarray) -> np.ndarray:
-        """How far multipliers are from the border."""
+        """Return the distances of multipliers from their value at the border, each 0 on it."""
 
     @abstractmethod
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The rows of the eigenvector, as nearly as J has them, and what is not known of the multiplier; lost without one."""
+        """Return the rows of the eigenvector, shape (rows, n), and the unknown number of the multiplier, from J.
+
+        J is the derivative of the map near the border. OrbitLost is raised if it has no such multiplier.
+        """
 
     def others(self, values: np.ndarray) -> np.ndarray:
         mine = np.arange(values.size) if self.rows == 1 else np.flatnonzero(values.imag != 0)
@@ -98,13 +110,13 @@ class Bifurcation(Kind, ABC):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RealMultiplier(Bifurcation):
-    """A border at which a multiplier is `at`, 1 or -1."""
+    """A border at which a multiplier has the value `at`, 1 or -1."""
 
     at: float
     rows = 1
 
     def test(self, point: Point) -> float:
-        """The product of all multipliers less `at`."""
+        """Return the product of (multiplier - `at`) over all multipliers."""
         return float(np.linalg.det(point.fixed.matrix - self.at * np.eye(len(point.fixed.matrix))))
 
     def crossing(self, real: np.ndarray) -> float:
@@ -122,13 +134,13 @@ class RealMultiplier(Bifurcation):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ComplexPair(Bifurcation):
-    """A border at which one number that makes up a complex pair of multipliers is given, and the other is not known."""
+    """A border at which one of the two numbers of a complex pair of multipliers is fixed, and the other is unknown."""
 
     rows = 2
 
     @abstractmethod
     def unknown(self, value: complex) -> float:
-        """What is not known of the multiplier, if it is about `value`."""
+        """Return the unknown number of a multiplier near the border from its value."""
 
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values, vectors = np.linalg.eig(J)
@@ -137,7 +149,7 @@ class ComplexPair(Bifurcation):
             raise OrbitLost("the multipliers have no complex pair")
         k = pairs[int(np.argmin(np.abs(self.away(values[pairs]))))]
         q = vectors[:, k]
-        q = q * np.exp(-0.5j * np.angle(q @ q))  # its real part is then across its imaginary part
+        q = q * np.exp(-0.5j * np.angle(q @ q))  # this makes its real part orthogonal to its imaginary part
         return np.array([q.real, q.imag]), np.array([self.unknown(values[k])])
 
 
@@ -145,34 +157,34 @@ class ComplexPair(Bifurcation):
 class Change(Kind):
     """A border at which the sequence of the orbit changes."""
 
-    leads: Callable[[str, str], bool]  # whether a change from one sequence to another one is of this kind
-    begins: str = ""  # only symbols that begin so are compared
-    # numbers of a motion of which one changes its sign wherever such a change is, if they are known
+    leads: Callable[[str, str], bool]  # returns True if a change from one sequence to another is of this kind
+    begins: str = ""  # first letters of the symbols that are compared
+    # returns numbers of a motion, of which one changes its sign at each change of this kind, if such numbers are known
     lines: Callable[[Image], np.ndarray] | None = None
     color: str = "#009e73"
     marker: str = "|"
     of_sequence = True
 
     def mark(self, sides: Sides) -> Mark | None:
-        """The function of the orbit that is zero where the sequences on both sides change into one another, if one is known."""
+        """Return the function of the orbit that is zero at a change with these sides, or None if none is known."""
         return self.zero(sides) if self.zero else None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fold(RealMultiplier):
-    """A multiplier is 1, and the branch turns back in the parameter."""
+    """A border at which a multiplier is 1, and the branch turns back in the parameter."""
 
     def test(self, point: Point) -> float:
-        """The parameter's part in the tangent of the branch."""
+        """Return the entry of the parameter in the tangent of the branch."""
         return float(point.tangent[-1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Torus(ComplexPair):
-    """A complex pair of multipliers has size 1; its angle is not known."""
+    """A border at which a complex pair of multipliers has size 1; the unknown number is its angle."""
 
     def test(self, point: Point) -> float:
-        """The size of the largest complex pair, squared, less 1."""
+        """Return the squared size of the largest complex pair less 1; -1.0 without a complex pair."""
         values = np.linalg.eigvals(point.fixed.matrix)
         pairs = values[np.abs(values.imag) > COMPLEX]
         return float((np.abs(pairs) ** 2 - 1).max()) if pairs.size else -1.0
@@ -184,57 +196,60 @@ class Torus(ComplexPair):
         return 1j * self.multiplier(unknown)
 
     def away(self, values: np.ndarray) -> np.ndarray:
-        """Sizes less 1."""
+        """Return the sizes of multipliers less 1."""
         return np.abs(values) - 1
 
     def unknown(self, value: complex) -> float:
-        """The angle [rad]."""
+        """Return the angle of the multiplier [rad]."""
         return float(np.angle(value))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Pitchfork(Kind):
-    """What moves in a plane begins or ceases to attract motions with a spin: two of them, mirror images, part from it."""
+    """A border at which a motion in a plane begins or ceases to attract motions with a spin.
+
+    Two sustained spins, mirror images of each other, part from the motion there.
+    """
 
     @property
     def has_equation(self) -> bool:
-        """Always."""
+        """True: the growth of a small spin is zero."""
         return True
 
     def test(self, point: Point) -> float:
-        """How a small spin grows; NaN but on branches in a plane."""
+        """Return the growth of a small spin in a period; NaN on branches that are not in a plane."""
         return growth_in_plane(point.fixed)[0] if point.axis.spin == 0.0 else float("nan")
 
     def holds(self, point: Point) -> bool:
-        """Whether the drift is smooth there: else a spin that is small enough grows, or falls, on both sides."""
+        """Return True if the drift is smooth: if it is not, a small enough spin grows, or falls, on both sides."""
         return growth_in_plane(point.fixed)[1]
 
     def mark(self, m: ReturnMap, image: Image) -> float:
-        """How a small spin grows beside the motion of an image, in a unit that makes it as large as other equations."""
+        """Return the growth of a small spin beside the motion of an image, in the size of the other equations."""
         return growth_in_plane(fixed_at(m, image.point))[0] / m.one_sided
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StabilityEnd(Kind):
-    """Where a stable orbit ceases to be stable, or to be, whatever the kind of border there."""
+    """The end of the stability or of the existence of a stable orbit, whatever the kind of border there."""
 
     def others(self, values: np.ndarray) -> np.ndarray:
-        """None."""
+        """Return no multipliers: each of them may be the one that reaches size 1."""
         return values[:0]
 
 
 def _changed(old: str, new: str) -> set[str]:
-    """Symbols that only one of two sequences has."""
+    """Return the symbols that only one of two sequences has."""
     return set(old.split()) ^ set(new.split())
 
 
 def _over_line(image: Image, end: int) -> float:
-    """How much longer than half a period the longest hop of an end is, in forcing periods."""
+    """Return the length of the longest hop of an end less half a period, in forcing periods."""
     return image.passage.hops[end] / TURN - HOP_LINE
 
 
 def _hop_over_line(sides: Sides) -> Mark | None:
-    """How much longer than half a period the longest hop of an end is; none if the hops of both ends change."""
+    """Return the function of the longest hop that is zero at a change of hops; None if the hops of both ends change."""
     if len(sides.least) != 1:
         return None
     (symbol,) = sides.least
@@ -316,11 +331,13 @@ STICK_SLIP = Change(
     leads=lambda old, new: old != new,
 )
 ANY_CHANGE = Change(name="word", meaning="any of the changes of sequence", leads=lambda old, new: old != new)
-CHANGES = (HOP, CHATTER, DOUBLE_IMPACT, LIFT_OFFS, STICK_SLIP)  # a change is of the first kind that leads to it
+# kinds of changes in the order in which they are asked: a change is of the first kind whose `leads` is true, and the
+# last one takes them all
+CHANGES = (HOP, CHATTER, DOUBLE_IMPACT, LIFT_OFFS, STICK_SLIP)
 
 
 def change_of(old: str, new: str) -> Change:
-    """The kind of change that leads from one sequence to another one."""
+    """Return the kind of change that leads from one sequence to another."""
     return next(kind for kind in CHANGES if kind.leads(old, new))
 
 
@@ -330,5 +347,5 @@ BORDER_KINDS: dict[str, Kind] = {
 
 
 def kind_words() -> tuple[str, ...]:
-    """What a kind of border may be in a table: none, or one of those that are registered."""
+    """Return the words for kinds of borders in a table: "none", and the names of `BORDER_KINDS`."""
     return ("none", *BORDER_KINDS)

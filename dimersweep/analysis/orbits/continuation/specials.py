@@ -1,9 +1,9 @@
-"""Special points of a branch: folds, flips, tori, changes of sequence, and among these where an end grazes.
+"""Special points of a branch: folds, flips, tori, pitchforks, changes of sequence, and among these grazes.
 
-There an end comes down, turns in the air and just misses the plate. Where the gap at which it turns is zero an impact begins,
-and the map has a square root (Nordmark, doi 10.1016/0022-460X(91)90592-8): on the side of the impact no derivative is of use.
-On the other side the map is smooth, and so is that gap. A branch may turn back there, so that both orbits exist on one side of
-the parameter.
+At a graze an end comes down, turns in the air and just misses the plate. Where the gap at which it turns reaches zero,
+an impact begins, and the map has a square root (Nordmark, doi 10.1016/0022-460X(91)90592-8). On the side of the impact
+no derivative is of use. On the other side the map is smooth, and so is the gap. A branch may turn back at a graze: then
+both orbits exist on one side of the parameter.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,19 +24,26 @@ from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, Image, OrbitLo
 from dimersweep.kernel.model.layout import D1, FREE, N1
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 
-MOST_CHANGES = 12  # sequence changes within one step; places at which an orbit is lost and found again
-FURTHER = 30.0  # from one place beyond a bracket at which an orbit is looked for to the next
-GRAZING = 1e-3  # width of a bracket, in the parameter over its scale, from which on an end is looked for that grazes
-BORN = 2e-3  # distance from a flip at which the doubled branch is taken up, in units of the section
-NEAR_FORK = (1e-3, 1e-2)  # of a pitchfork from where the branch meets the plane, in the parameter over its scale
-GAP_SAMPLES = 64  # in a forcing period, of an end in the air
-TURN_KNOWN = 1e-7  # how well the time is known at which an end turns [rad]: the gap does not change to first order
-WIDE, NO_GAP = 0.05, 1e-9  # gap beyond which no impact is near; gap that counts as none, in units of the section
-CLOSER, LEAST_CLOSER = 0.02, 0.7  # gap that is aimed at, over the one before: a step must not lead across
+# largest number of changes of sequence in one step, and of gaps over which an orbit is found again on its way along a
+# branch
+MOST_CHANGES = 12
+FURTHER = 30.0  # growth of the distance from a bracket at which the next orbit beyond it is looked for
+# width of a bracket, in the parameter over its scale, at which a graze is looked for in it
+GRAZING = 1e-3
+BORN = 2e-3  # distance from a flip at which the doubled branch begins, in units of the section
+# distances from a meeting of a branch with the plane within which its pitchfork is looked for, in the parameter over
+# its scale
+NEAR_FORK = (1e-3, 1e-2)
+GAP_SAMPLES = 64  # samples of the gap of an end in the air, in a forcing period
+TURN_KNOWN = 1e-7  # accuracy of the time at which an end turns [rad]: the gap does not change there to first order
+WIDE, NO_GAP = 0.05, 1e-9  # gap above which no impact is near, and gap that counts as zero, in units of the section
+# ratio of the gap that is aimed at to the gap before, at first and at most; it rises where a step leads across, to the
+# side of the impact
+CLOSER, LEAST_CLOSER = 0.02, 0.7
 
 
 def least_gap(m: ReturnMap, image: Image) -> float:
-    """The least gap at which an end turns in the air, in units of the section; infinite where none does."""
+    """Return the least gap at which an end turns in the air, in units of the section; inf if no end does."""
     passage = image.passage
     lengths, segments = np.diff(passage.times), passage.segments
     least = np.inf
@@ -53,14 +60,17 @@ def least_gap(m: ReturnMap, image: Image) -> float:
             for j in np.flatnonzero((rates[:-1] < 0) & (rates[1:] >= 0)):
                 try:
                     turns = brentq(lambda at: of_end(np.array([at]))[1][0], phases[j], phases[j + 1], xtol=TURN_KNOWN)
-                except ValueError as error:  # a rate by the rounding of which one end has the other's sign
+                except ValueError as error:  # computed anew, a rate near zero may have the other sign by rounding
                     raise OrbitLost(f"no time is found at which an end turns ({error})") from error
                 least = min(least, float(of_end(np.array([turns]))[0][0] / m.section.units[0]))
     return least
 
 
 def graze(near: Point) -> tuple[Point, str]:
-    """The orbit near one at which an end just misses the plate, and the sequence where it strikes; lost if no end does."""
+    """Find the orbit near another one at which an end just misses the plate, and the sequence where the end strikes.
+
+    Raise OrbitLost if there is no such orbit nearby.
+    """
     aim = gap = least_gap(near.map, near.fixed.image)
     if not NO_GAP < gap < WIDE:
         raise OrbitLost("no end turns near the plate")
@@ -74,7 +84,7 @@ def graze(near: Point) -> tuple[Point, str]:
         aim = max(closer * gap, NO_GAP)
         try:
             at, latest = equations.solved(at.y, known=known)
-        except OrbitLost:  # the step led across, or too far
+        except OrbitLost:  # the step led across, to the side of the impact, or too far
             closer **= 0.5
             if closer > LEAST_CLOSER:
                 raise
@@ -87,9 +97,9 @@ def graze(near: Point) -> tuple[Point, str]:
 
 
 def on_its_border(kind: Kind, orbit: PeriodicOrbit, free: bool) -> PeriodicOrbit:
-    """The orbit of a point of a border: not stable where a multiplier of its fast part has size 1.
+    """Return the orbit of a point of a border, marked as not stable if a multiplier of its fast part has size 1 there.
 
-    Where the spin is `free`, the multiplier of a fold is the slow one.
+    If the spin is `free`, the multiplier that is 1 at a fold is the slow one, and the orbit stays as it is.
     """
     return replace(orbit, stable=False) if kind.rows and not (free and kind is FOLD) else orbit
 
@@ -97,16 +107,19 @@ def on_its_border(kind: Kind, orbit: PeriodicOrbit, free: bool) -> PeriodicOrbit
 class Special(NamedTuple):
     """A special point of a branch."""
 
-    kind: Kind  # of border that the branch crosses there
+    kind: Kind  # kind of border that the branch crosses there
     point: Point
-    share: float  # of the step at which it lies
-    jump: float = 0.0  # of the orbit at a change of sequence, in units of the section
-    sequences: tuple[str, str] = ("", "")  # on both sides of it
-    beyond: Point | None = None  # the first orbit beyond it
+    share: float  # share of the step at which the point lies
+    jump: float = 0.0  # jump of the orbit at a change of sequence, in units of the section
+    sequences: tuple[str, str] = ("", "")  # sequences on both sides of a change of sequence
+    beyond: Point | None = None  # first orbit beyond a change of sequence
 
 
 def specials(a: Point, b: Point, sequences: bool = True) -> tuple[list[Special], Special | None]:
-    """Special points of a step of a branch, in their order, and the change of sequence at which it leaps to another branch."""
+    """Return the special points of a step of a branch in their order, and the change at which the branch leaps away.
+
+    The second is the change of sequence beyond which lies another branch, or None.
+    """
     changes: list[Special] = []
     for change in sequence_changes(a, b) if sequences else ():
         if change.jump > JOINED or len(changes) == MOST_CHANGES:
@@ -118,16 +131,20 @@ def specials(a: Point, b: Point, sequences: bool = True) -> tuple[list[Special],
 
 
 def located(kind: Kind, at: Between[Point]) -> Special | None:
-    """The zero of a kind's test function in a step; none if the function does not change its sign, or leaps over zero."""
+    """Return the zero of a kind's test function in a step, if the kind holds there.
+
+    Return None if it does not, or if the function does not change its sign, or leaps over zero.
+    """
     leap = SLOW_LEAP if at[0.0].axis.spin is None else LEAP
     share = zero(at, kind.test, max(LOCATED / (abs(at.way[-1]) or at.length), 1e-14), leap)
     return None if share is None or not kind.holds(at[share]) else Special(kind, at[share], share)
 
 
 def pitchfork_in(a: Point, b: Point) -> Special | None:
-    """The pitchfork at which a branch of sustained spins, in the step to its mirror image, parts from the motions in a plane.
+    """Return the pitchfork at which a branch of sustained spins parts from the motions in a plane.
 
-    There is none where the drift is not smooth about a plane: the spin falls like an exponential and does not come to 0.
+    The step from `a` to `b` leads over the plane, to the mirror image of the branch. None is returned where the drift
+    is not smooth about the plane: the spin falls exponentially there, and does not come to 0.
     """
     spins = [point.fixed.image.spin for point in (a, b)]
     y = a.y + spins[0] / (spins[0] - spins[1]) * (b.y - a.y)
@@ -142,7 +159,7 @@ def pitchfork_in(a: Point, b: Point) -> Special | None:
 
 
 def sequence_changes(a: Point, b: Point) -> Iterator[Special]:
-    """Where the sequence changes between two points of a branch, one after the other."""
+    """Yield the changes of sequence between two points of a branch, one after the other."""
     low, left = 0.0, a
     while left.sequence != b.sequence:
         change = last_with(left.sequence.__eq__, low, left, b)
@@ -151,11 +168,12 @@ def sequence_changes(a: Point, b: Point) -> Iterator[Special]:
 
 
 def last_with(holds: Callable[[str], bool], low: float, left: Point, b: Point) -> Special:
-    """Where sequences cease to satisfy `holds`, between `left`, at which they do, and the end of the step, `b`.
+    """Return the change at which sequences cease to satisfy `holds`, between `left`, which satisfies it, and `b`.
 
-    Where an end that sticks begins to slip, friction falls from mu_s to mu at once, and the map leaps: for a little way there
-    may be no orbit, which counts as beyond the change. Where an end begins to strike, the change is where it grazes. The
-    derivatives at the point are those on its own side.
+    `low` is the share of the step at `left`; the step ends at `b`. Where an end that sticks begins to slip, friction
+    falls from mu_s to mu at once, and the map leaps. For a little way there may be no orbit, which counts as beyond the
+    change. Where an end begins to strike, the change is the graze. The derivatives at the point are those on its own
+    side.
     """
     bracket = Bracket(holds, low, left, b)
     bracket.narrow(GRAZING)
@@ -172,7 +190,7 @@ def _change(at: Point, share: float, jump: float, sequences: tuple[str, str], be
 
 
 def on_own_side(at: Point, holds: Callable[[str], bool]) -> Point:
-    """A point with its derivatives, by each of y, to the side on which the sequence satisfies `holds`."""
+    """Return a point with derivatives that are taken, for each entry of y, to the side where `holds` is satisfied."""
 
     def kept(d: np.ndarray) -> bool:
         with suppress(OrbitLost):
@@ -183,21 +201,28 @@ def on_own_side(at: Point, holds: Callable[[str], bool]) -> Point:
 
 
 class Bracket:
-    """A part of a step, from its share `low` to its end: at `left` the sequence satisfies `holds`, at `right` not."""
+    """A part of a step in which the sequence ceases to satisfy `holds`.
+
+    The points are `left`, at the share `low` of the step, which satisfies it, and `right`, at the share `at_right`,
+    which does not.
+    """
 
     def __init__(self, holds: Callable[[str], bool], low: float, left: Point, right: Point) -> None:
         self.holds = holds
         self.low, self.left, self.right, self.at_right = low, left, right, 1.0
-        self.high = 1.0  # from here on the sequence does not satisfy it, or there was no orbit
+        # share of the nearest place beyond the change, where the sequence does not satisfy `holds`, or there is no
+        # orbit
+        self.high = 1.0
         self.begin, self.first, self.way = left.y, low, right.y - left.y
         self.length = max(abs(self.way[-1] / (1 - low)), LOCATED)
         self.steep = min(abs(left.tangent[-1]), abs(right.tangent[-1])) < NEAR_TURN
-        self.slope = left.tangent if self.steep else left.tangent / left.tangent[-1]  # by the parameter over its scale
+        # derivative of y by the parameter over its scale; near a fold it is not used
+        self.slope = left.tangent if self.steep else left.tangent / left.tangent[-1]
 
     def narrow(self, width: float) -> None:
-        """Halve the bracket until it is so wide, in the parameter over its scale, with the derivatives at its end.
+        """Halve the bracket down to a width, in the parameter over its scale; set `right` to the first orbit beyond.
 
-        Where the image of the middle has another sequence, the middle lies beyond, whether there is an orbit or not.
+        If the middle has no orbit, or an orbit whose sequence does not satisfy `holds`, it lies beyond the change.
         """
         for _ in range(MOST_CHANGES):
             while (self.high - self.low) * self.length > width:
@@ -208,14 +233,16 @@ class Bracket:
                     self.high = middle
             if self._look_beyond():
                 return
-            try:  # further on with derivatives taken anew
+            # no orbit beyond lies right at the end: the branch may go on there, if Newton's method failed by old
+            # derivatives
+            try:
                 self._take(2 * self.high - self.low, with_derivatives(self.left))
             except OrbitLost:
                 return
             self.high = self.at_right
 
     def _look_beyond(self) -> bool:
-        """Find the next orbit beyond with another sequence; whether it lies right at the end of the bracket."""
+        """Set `right` to the next orbit that does not satisfy `holds`; return True if it lies right at `high`."""
         share, step = self.high, self.high - self.low
         while share < self.at_right:
             with suppress(OrbitLost):
@@ -227,9 +254,9 @@ class Bracket:
         return self.at_right == self.high
 
     def _take(self, share: float, near: Point) -> None:
-        """Move the start of the bracket to the orbit at a share of the step, found with the derivatives of a point nearby.
+        """Move `left` to the orbit at a share of the step, which is found with the derivatives of a point nearby.
 
-        It is lost if there is none, or its sequence does not satisfy the condition.
+        Raise OrbitLost if there is none, or its sequence does not satisfy `holds`.
         """
         y, normal = self._plane(share)
 
@@ -245,10 +272,10 @@ class Bracket:
             self.slope = way / way[-1]
 
     def _plane(self, share: float) -> tuple[np.ndarray, np.ndarray]:
-        """Where the branch may be at a share of the step, and the direction across which it is looked for there.
+        """Return a point and a normal: the plane on which the orbit at a share of the step is looked for.
 
-        That is the parameter: from end to end the orbit may leap. Near a fold, where the parameter hardly changes, it is the
-        line from end to end.
+        The normal is the direction of the parameter, since the orbit may leap between the ends. Near a fold, where the
+        parameter hardly changes, it is the direction from end to end.
         """
         start, part = self.left.y, (share - self.low) / (self.at_right - self.low)
         way = self.right.y - start
@@ -257,12 +284,12 @@ class Bracket:
         return start + part * way[-1] * self.slope, np.eye(way.size)[-1]
 
     def grazing(self) -> Special:
-        """Where an end grazes in the bracket; lost if none does, or the sequences on both sides satisfy the condition alike."""
+        """Return the graze in the bracket; raise OrbitLost without one, or if `holds` does not change over it."""
         near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image))
         at, struck = graze(near)
         missed = at.sequence
         low, high = sorted((self.left.value, self.right.value))
-        aside = GRAZING * at.axis.scale  # the branch may turn back at the graze
+        aside = GRAZING * at.axis.scale  # where the branch turns back at the graze, both ends lie on one side of it
         if not low - aside <= at.value <= high + aside or self.holds(missed) == self.holds(struck):
             raise OrbitLost("no end grazes where the sequence changes")
         share = self.first + (1 - self.first) * ((at.y - self.begin) @ self.way) / (self.way @ self.way)
@@ -272,7 +299,7 @@ class Bracket:
 
 
 def doubled(flip: Point) -> Point:
-    """The branch of twice the period that leaves a flip, a little way along it; lost if none is found."""
+    """Return a point of the branch of twice the period, near the flip it leaves; raise OrbitLost if none is found."""
     direction = eigenvector(flip.fixed.matrix, -1)
     tangent = np.append(direction / np.linalg.norm(direction), 0.0)
     y = flip.y + BORN * tangent

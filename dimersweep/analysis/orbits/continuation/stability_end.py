@@ -1,6 +1,7 @@
-"""Where a stable orbit ceases to be stable, or to be, along its branch.
+"""The end of the stability, or of the existence, of a stable orbit along its branch.
 
-That is a fold, a flip or a torus, or a change of sequence over which multipliers leap, or beyond which there is no such orbit.
+It is a fold, a flip or a torus, or a change of sequence over which multipliers leap, or beyond which there is no such
+orbit.
 """
 
 from collections.abc import Callable
@@ -25,29 +26,36 @@ from dimersweep.analysis.orbits.map.finding import settled_on
 from dimersweep.analysis.orbits.map.newton import solve
 from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, OrbitLost
 
-NARROW_STRETCH = 1e-4  # length of a step in which stability is lost, from which on changes of sequence are looked for
-GAP = 1e-2  # part of the parameter over which an orbit may be missing or leap
-GAPS = (0.1 * GAP, GAP)  # beyond which it is taken up
-FIRST_PUSH, LAST_PUSH, PUSH_GROWTH = 1e-5, 1e-9, 3.0  # steps of the parameter to the last stable orbit
+# length to which a step in which stability ends is halved before changes of sequence are looked for in it
+NARROW_STRETCH = 1e-4
+GAP = 1e-2  # greatest change of the parameter, over its scale, over which an orbit may be missing or leap
+GAPS = (0.1 * GAP, GAP)  # such changes beyond which the orbit is looked for, in the order of trial
+# first and last step of the parameter, over its scale, to the last stable orbit, and growth of a step that succeeds
+FIRST_PUSH, LAST_PUSH, PUSH_GROWTH = 1e-5, 1e-9, 3.0
 
-Holds = Callable[[Point], bool]  # a property of an orbit
+Holds = Callable[[Point], bool]  # property of an orbit
 
 
 def is_stable(point: Point) -> bool:
-    """Whether the multipliers at a point of a branch are below 1 in size."""
+    """Return True if all multipliers at a point of a branch are below 1 in size."""
     return bool((np.abs(point.multipliers) < 1).all())
 
 
 def stability_end(begin: Point) -> Special:
-    """The end of the stability of an orbit, along its branch in the sense of the tangent; lost if none is met.
+    """Find the end of the stability of an orbit along its branch, in the sense of the tangent.
 
-    Its point is that of the bifurcation, or the last stable orbit before a change of sequence. Where the branch does not go on
-    but a stable orbit exists nearby at a parameter a little further, up to `GAP`, that one is taken up.
+    Its point is the bifurcation, or the last stable orbit before a change of sequence. Where the branch does not go on,
+    but a stable orbit exists nearby at a parameter a little further, up to `GAP`, that orbit is followed instead.
+
+    Raises
+    ------
+    OrbitLost
+        If no end is met, or only the end of the range of the parameter.
     """
     point, sense = begin, float(np.sign(begin.tangent[-1]))
 
     def same_side(other: Point) -> bool:
-        """Whether an orbit is stable, and no mirror image of those before, to which sustained spins lead over a plane."""
+        """Return True if an orbit is stable, and its spin, if that is free, has the sign of the first one."""
         mirrored = begin.axis.spin is None and begin.fixed.image.spin * other.fixed.image.spin < 0
         return is_stable(other) and not mirrored
 
@@ -61,7 +69,7 @@ def stability_end(begin: Point) -> Special:
         last, goes_on = furthest(is_stable, special.point, sense)
         if not goes_on:
             axis = last.axis
-            try:  # the end of what the parameter may be is no end of stability
+            try:  # a bound of the parameter is no end of stability
                 axis.map_at(last.map, last.y[-1] + sense * 10 * LAST_PUSH)
             except OrbitLost as reason:
                 raise OrbitLost(
@@ -73,9 +81,10 @@ def stability_end(begin: Point) -> Special:
 
 
 def last_that(holds: Holds, begin: Point) -> Point:
-    """The last orbit with a property, in the sense of the tangent of the first, where it is lost by a change of sequence.
+    """Find the last orbit with a property along a branch, which ends at a change of sequence.
 
-    It is lost if the first orbit does not have the property, or all that are met have it.
+    The branch is followed in the sense of its first tangent. OrbitLost is raised if the first orbit does not have the
+    property, or all orbits that are met have it.
     """
     point, goes_on = begin, holds(begin)
     if not goes_on:
@@ -88,9 +97,10 @@ def last_that(holds: Holds, begin: Point) -> Point:
 
 
 def _followed(holds: Holds, begin: Point) -> tuple[Point, Point | None]:
-    """The last orbit of a branch with a property, and the one a step further without it, in its section, if there is one.
+    """Return the last orbit of a branch with a property, and the orbit a step further without it, in one section.
 
-    It is lost if no step is possible, or all steps lead to such orbits.
+    The second is None where the branch does not go on. Raise OrbitLost if no step is possible, or if all steps lead to
+    orbits with the property.
     """
     last = None
     try:
@@ -106,9 +116,11 @@ def _followed(holds: Holds, begin: Point) -> tuple[Point, Point | None]:
 
 
 def furthest(holds: Holds, point: Point, sense: float) -> tuple[Point, bool]:
-    """The last orbit with a property in steps of the parameter, and whether such an orbit goes on beyond.
+    """Return the last orbit with a property in steps of the parameter, and True if such orbits go on.
 
-    Each step is taken in a section that suits the orbit: an event that comes to the section is not the end of the orbit.
+    The steps have the sense 1 or -1. If the orbits go on, by more than `GAP` or beyond a gap, the orbit returned is
+    only the furthest one so far. Each step is taken in a section that suits the orbit, since an event that comes to the
+    section is not the end of the orbit.
     """
     start, step = point, FIRST_PUSH
     point = point.settled()
@@ -125,9 +137,9 @@ def furthest(holds: Holds, point: Point, sense: float) -> tuple[Point, bool]:
 
 
 def across(holds: Holds, point: Point, sense: float) -> tuple[Point, Point]:
-    """The last orbit with the sequence of a point where its branch is lost, and the next one nearby with a property beyond it.
+    """Return the last orbit with the sequence of a point, and the next orbit beyond it with a property.
 
-    Both are the same one where an orbit with that sequence goes on. It is lost if there is none beyond.
+    Both are the same orbit where orbits with that sequence go on. Raise OrbitLost if there is no orbit beyond.
     """
     sequence = point.sequence
     last, goes_on = furthest(lambda orbit: orbit.sequence == sequence, point, sense)
@@ -140,7 +152,7 @@ def across(holds: Holds, point: Point, sense: float) -> tuple[Point, Point]:
 
 
 def beyond_gap(holds: Holds, point: Point, sense: float) -> Point | None:
-    """The orbit with a property nearby where the parameter is a little further in a sense (1 or -1), if there is one."""
+    """Return the orbit with a property beyond a gap of the parameter, in the sense 1 or -1; None without one."""
     for gap in GAPS:
         with suppress(OrbitLost):
             return _come_to(holds, point, sense * gap)
@@ -148,10 +160,10 @@ def beyond_gap(holds: Holds, point: Point, sense: float) -> Point | None:
 
 
 def _come_to(holds: Holds, point: Point, by: float) -> Point:
-    """The orbit with a property nearby where the parameter over its scale is greater by so much; its tangent points there.
+    """Find the orbit nearby with a property where the parameter over its scale is greater by `by`, in its own section.
 
-    Its contact at the section of the point may be another one: it has a section of its own, that of the motion which the point
-    comes to in a period. It is lost if there is none.
+    It has the best section of the motion that the point comes to in a period, since its contact at the section of the
+    point may be another one. Its tangent has the sense of `by`. OrbitLost is raised if there is none.
     """
     axis, value = point.axis, point.value + by * point.axis.scale
     m = axis.map_at(point.map, value / axis.scale)
@@ -163,14 +175,17 @@ def _come_to(holds: Holds, point: Point, by: float) -> Point:
 
 
 def _pushed(holds: Holds, point: Point, by: float) -> Point:
-    """The orbit with a property nearby where the parameter over its scale is greater by so much; its tangent points there."""
+    """Find the orbit nearby with a property where the parameter over its scale is greater by `by`, in the same section.
+
+    Its tangent has the sense of `by`. OrbitLost is raised if there is none.
+    """
     along = by * np.eye(point.y.size)[-1]
     nxt = point.on_plane(point.y + along, along)
     return _accepted(holds, nxt.towards(by), nxt.fixed.z - point.fixed.z)
 
 
 def _accepted(holds: Holds, nxt: Point, leap: np.ndarray) -> Point:
-    """An orbit found nearby; lost if it is far off, or does not have a property."""
+    """Return an orbit found nearby; raise OrbitLost if its leap is longer than `JOINED`, or `holds` is not true."""
     if np.abs(leap).max() > JOINED:
         raise OrbitLost("another orbit is found")
     if not holds(nxt):
@@ -179,7 +194,7 @@ def _accepted(holds: Holds, nxt: Point, leap: np.ndarray) -> Point:
 
 
 def _in_step(a: Point, b: Point) -> Special:
-    """Where stability is lost in a step."""
+    """Return the special point at which stability ends in a step from `a`, which is stable, to `b`."""
     if is_stable(b):
         if fork := pitchfork_in(a, b):
             return fork
@@ -202,14 +217,14 @@ def _in_step(a: Point, b: Point) -> Special:
 
 
 def _is_stable_on_own_side(beyond: Point) -> bool:
-    """Whether the first orbit beyond a change of sequence is stable, by derivatives to its own side."""
+    """Return True if the first orbit beyond a change of sequence is stable, by derivatives to its own side."""
     with suppress(OrbitLost):
         return is_stable(on_own_side(beyond, beyond.sequence.__eq__))
     return False
 
 
 def kind_beyond(last: Point) -> Kind:
-    """The kind of change where a branch does not go on, from images of points beyond, which are no orbits."""
+    """Return the kind of change at which a branch ends, from the sequences of points beyond, which are no orbits."""
     sequence = last.fixed.image.passage.whole_sequence
     for by in np.geomspace(FIRST_PUSH, GAP, 4):
         with suppress(OrbitLost):

@@ -1,8 +1,8 @@
-"""Curves of solutions: steps along them in pseudo-arclength, and where something is zero or changes in a step.
+"""Steps along curves of solutions in pseudo-arclength, and search within a step for a zero or a change.
 
-What is followed has points that know their neighbours: those of a branch of orbits (`branch.Point`), or of a border in the
-plane of two parameters (`plane_curve.InPlane`). A step goes along the tangent, and back to the curve on the plane across it
-(Keller; Kuznetsov, doi 10.1007/978-3-031-22007-4, section 10.2).
+The points of a curve find their neighbours themselves. They are points of a branch of orbits (`branch.Point`), or of a
+border in the plane of two parameters (`plane_curve.InPlane`). A step goes along the tangent, and back to the curve on
+the plane across it (Keller; Kuznetsov, doi 10.1007/978-3-031-22007-4, section 10.2).
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -14,57 +14,62 @@ from scipy.optimize import brentq
 from dimersweep.analysis.orbits.map.poincare import OrbitLost
 from dimersweep.errors import OrbitError
 
-LOCATED = 1e-9  # how well a zero is known, in the parameter over its scale, or as a share of a step
-# part of a test function at the ends of a step, below which it does not leap over zero; where the spin is free, and the
-# function known less well
+LOCATED = 1e-9  # accuracy of a zero, in the parameter over its scale, or as a share of a step
+# value of a test function at its zero, over its values at the ends of the step, above which it leaps over zero instead.
+# The second is for a free spin, where the function is less accurate
 LEAP, SLOW_LEAP = 1e-3, 1e-2
-SAME_WAY = 0.7  # product of the tangents at both ends of a step, below which it is too long
+# least product of the tangents (of length 1) at both ends of a step, at 46 degrees: a longer step could go over to
+# another curve
+SAME_WAY = 0.7
 
 
 class StepLengths(NamedTuple):
-    """Lengths of steps in the unknowns: of the first, the longest and the shortest; how much longer the next one may be.
-
-    `tries` bounds the number of steps, those that fail among them.
-    """
+    """Lengths of the steps along a curve, in its unknowns."""
 
     first: float
     longest: float
     shortest: float
-    growth: float
-    tries: int
+    growth: float  # largest ratio of a step to the one before
+    tries: int  # largest number of steps, with those that fail
 
 
-# of a curve whose points are what is asked for
+# for a curve whose points are wanted themselves; whoever asks bounds their number
 FOLLOWING = StepLengths(first=0.02, longest=0.25, shortest=1e-6, growth=1.3, tries=1_000_000)
-# of one between whose points lies what is asked for
+# for a curve along which an event is looked for: points in between are not wanted
 SEARCHING = StepLengths(first=0.1, longest=0.1, shortest=1e-5, growth=1.5, tries=120)
 
 
 class OnPlanes(Protocol):
-    """A point of a curve from which others nearby are found; `y` has all unknowns, shape (n + 1,)."""
+    """A point of a curve that finds other points nearby; `y` has all its unknowns, shape (n + 1,)."""
 
     @property
     def y(self) -> np.ndarray: ...
 
     def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
-        """The point on the plane through `y` across `normal`, in the section of this one; lost if there is none nearby."""
+        """Find the point of the curve on the plane through `y` across `normal`, in the section of this point.
+
+        Raise OrbitLost if there is none nearby.
+        """
 
 
 class OnCurve(OnPlanes, Protocol):
-    """A point of a curve: one equation less than unknowns, the last of which is a parameter over its scale."""
+    """A point of a curve, which has one equation less than unknowns; the last unknown is a parameter over its scale."""
 
     @property
     def tangent(self) -> np.ndarray:
-        """Of length one, in the sense of the curve, shape (n + 1,)."""
+        """Tangent of length 1 in the sense of the curve, shape (n + 1,)."""
 
     def judge(self, to: Self, step: float) -> None:
-        """Refuse a step to another point, as `on_plane` does, that is too long for what lies between."""
+        """Raise OrbitLost if a step to another point is too long: the curve may turn between the two."""
 
     def settled(self, simplest: bool = True) -> Self:
-        """The point in the section that suits the next step; (`simplest`) if simpler contact lasts elsewhere, there."""
+        """Return the point in the section that suits the next step.
+
+        With `simplest`, a section in which fewer coordinates are free suits better.
+        """
 
     def elsewhere(self) -> Iterable[Self]:
-        """The point in other sections, where its own does not go on."""
+        """Return the point in other sections, for a curve that does not go on in its own."""
 
 
 P = TypeVar("P", bound=OnCurve)
@@ -72,30 +77,31 @@ Q = TypeVar("Q", bound=OnPlanes)
 
 
 def steps(begin: P, lengths: StepLengths, window: tuple[float, ...] = ()) -> Iterator[tuple[P, P, float | None]]:
-    """Steps of a curve from a point on, in the sense of its tangent; it is lost where the curve does not go on.
+    """Yield the steps of a curve from a point on, in the sense of its tangent; raise OrbitLost where the curve ends.
 
     Parameters
     ----------
-    begin : point
+    begin : OnCurve
+        First point.
     lengths : StepLengths
     window : tuple of float
-        Values of the last unknown at which the curve ends.
+        Values of the last unknown at which to stop.
 
     Yields
     ------
-    a, b : point
+    a, b : OnCurve
         Both ends of a step, in one section.
     edge : float or None
-        The end of the window that `b` lies at; that step is the last one.
+        Value of the window that `b` lies at, which makes the step the last one; else None.
     """
     point, step = begin, lengths.first
-    others: list[P] | None = None  # the point in other sections, where the curve is lost in its own
+    others: list[P] | None = None  # the point in other sections, once the curve does not go on in its own
     for _ in range(lengths.tries):
         try:
             nxt, edge = _stepped(point, step, window)
         except OrbitLost:
             step *= 0.5
-            if step < lengths.shortest:  # the contact at the section may be all that does not go on
+            if step < lengths.shortest:  # the contact at the section may end here, while the curve goes on
                 others = list(point.elsewhere()) if others is None else others
                 if not others:
                     raise
@@ -110,7 +116,7 @@ def steps(begin: P, lengths: StepLengths, window: tuple[float, ...] = ()) -> Ite
 
 
 def _stepped(point: P, step: float, window: tuple[float, ...]) -> tuple[P, float | None]:
-    """The point a step further, or the one at an edge of the window that lies before it, and that edge."""
+    """Return the point a step further and None, or the point at an edge of the window on the way, and the edge."""
     ahead = point.y + step * point.tangent
     for edge in window:
         if (ahead[-1] - edge) * (point.y[-1] - edge) < 0:
@@ -126,14 +132,14 @@ def _stepped(point: P, step: float, window: tuple[float, ...]) -> tuple[P, float
 
 
 def _at_edge(near: P, y: np.ndarray, ahead: np.ndarray, edge: float) -> P:
-    """The point at a value of the last unknown that lies between those of `y` and `ahead`."""
+    """Find the point at which the last unknown is `edge`, a value between `y` and `ahead`, from a point nearby."""
     at = y + (edge - y[-1]) / (ahead[-1] - y[-1]) * (ahead - y)
     at[-1] = edge
     return near.on_plane(at, np.eye(at.size)[-1])
 
 
 class Between(dict[float, Q]):
-    """The points of a step by their share of the way, on planes across it, each found once, from the nearer end."""
+    """Points of a step by their share of the way from `a` to `b`, each found once, on a plane across the way."""
 
     def __init__(self, a: Q, b: Q) -> None:
         super().__init__({0.0: a, 1.0: b})
@@ -145,19 +151,21 @@ class Between(dict[float, Q]):
         return self[share]
 
     def near(self, share: float) -> Q:
-        """The point from which that at a share is found."""
+        """Return the end of the step from which the point at a share is found: the nearer one."""
         return self[0.0] if share < 0.5 else self[1.0]
 
 
 def zero(at: Between[Q], test: Callable[[Q], float], known: float, leap: float = LEAP) -> float | None:
-    """The share of a step, so well `known`, at which a test function that changes its sign is zero.
+    """Find the share of a step at which a test function is zero, with an error of at most `known`.
 
-    None if it leaps over zero, by `leap` or more of what it is at the ends, or a point is not found.
+    Return None if the function does not change its sign, if it leaps over zero, or if a point is not found. It leaps if
+    its size at the change of sign is at least `leap` times the larger one of its sizes at the ends.
     """
     try:
         first, last = test(at[0.0]), test(at[1.0])
         if not first * last < 0:
             return None
+        # rtol is the least that brentq takes: `known` decides
         share = brentq(lambda share: test(at[share]), 0.0, 1.0, xtol=known, rtol=8.9e-16)
         small = abs(test(at[share])) < leap * max(abs(first), abs(last))
     except (OrbitLost, np.linalg.LinAlgError):
@@ -166,9 +174,10 @@ def zero(at: Between[Q], test: Callable[[Q], float], known: float, leap: float =
 
 
 def halved(read: Callable[[float], Any], low: float, high: float, within: float) -> tuple[float, float]:
-    """Two numbers no further apart than `within`: of the first is read what is read of `low`, of the second something else.
+    """Halve an interval down to `within`, such that what is read changes from its first end to its second.
 
-    Where nothing can be read between them they are as far apart as they have come.
+    At the first end returned, ``read`` gives what it gives at `low`; at the second it gives something else, as at
+    `high`. The interval stays wider where ``read`` raises an OrbitError, or where no number lies between the ends.
     """
     first = read(low)
     while abs(high - low) > within:
