@@ -1,7 +1,7 @@
-"""Compiled code, kept in files that are named by the sources and the compiler that it is made of.
+"""Cache of compiled code, in files that are named by the sources and the compiler of the code.
 
-Numba's own cache misses edits in imported modules, and its settings belong to the whole process. Only files of ours are
-ever deleted. A Numba that has changed inside costs the cache, and nothing else: then every process compiles.
+Numba's own cache misses edits in imported modules, and its settings belong to the whole process. Only files of this
+cache are ever deleted. If a new Numba has changed inside, only the cache fails: then every process compiles.
 """
 
 import functools
@@ -22,31 +22,36 @@ from typing import Any
 
 from dimersweep.kernel.compiler.versions import sources_digest, take_digests
 
-KEPT_SECONDS = 30 * 86400.0  # code that is unused for this long goes
+KEPT_SECONDS = 30 * 86400.0  # age at which a file that no process has used is deleted [s]
 SUFFIX = ".code"
-DIGEST_BYTES = 32  # a checksum of name and code is written before the code: damaged code could end the process
-_OURS = re.compile(r"[0-9a-f]{16}-.+\.(code|tmp)")  # names of files of ours
+DIGEST_BYTES = 32  # bytes of the checksum of name and code in front of the code: damaged code could end the process
+_OURS = re.compile(r"[0-9a-f]{16}-.+\.(code|tmp)")  # names of the files of this cache
 _folder_digest = functools.cache(sources_digest)
-# whether a function that Python calls is being compiled, and whether one has been compiled or loaded
+# set while a function that Python calls is compiled; set once such a function has been compiled or loaded
 under_way, ready = threading.Event(), threading.Event()
-take_digests()  # before the modules are imported that hold the functions
+# the digests are taken before the modules with the kernel's functions are imported: the sources may be edited after
+# that
+take_digests()
 
 
 def base_folders() -> list[Path]:
-    """The folders in which code is kept, in the order in which they are tried.
+    """Return the folders for compiled code, in the order in which they are tried.
 
-    Below NUMBA_CACHE_DIR if that is set, else below the user's cache folder; where that cannot be written, in the temporary
-    folder, by the user's number, if nobody else can write there.
+    The first is below NUMBA_CACHE_DIR if that is set, else below the user's cache folder. The last is in the temporary
+    folder, and named by the user's number. It serves where the first cannot be written, if nobody else can write in it.
     """
     scratch = Path(os.environ.get("TMPDIR") or "/tmp") / f"dimersweep-{os.getuid()}"
-    with suppress(RuntimeError):  # nobody knows of a home
+    with suppress(RuntimeError):  # the user has no home folder
         chosen = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         return [Path(chosen).absolute() / "dimersweep", scratch]
     return [scratch]
 
 
 def _is_trusted(base: Path) -> bool:
-    """Whether what is found in one of the `base_folders` was put there by whom the user trusts: code is run from it."""
+    """Return True if only the user, or whoever the user trusts, can have written in one of the `base_folders`.
+
+    Code from these folders is run.
+    """
     if not base.name.startswith("dimersweep-"):
         return True
     with suppress(OSError):
@@ -56,19 +61,19 @@ def _is_trusted(base: Path) -> bool:
 
 
 def files(version: str, name: str = "*") -> list[Path]:
-    """The files with code of this version, by one name or all, that can be trusted; the first one counts."""
+    """Return the trusted files with code of a version, by a name or by default all names; the first one counts."""
     return [file for base in base_folders() if _is_trusted(base) for file in base.glob(f"{version}-{name}{SUFFIX}")]
 
 
 def load(version: str, name: str) -> bytes | None:
-    """The code that was saved by that name, if it is there and undamaged; it is marked as used now."""
+    """Return the code that was saved by a name, and mark its file as used now; None if it is absent or damaged."""
     for file in files(version, name):
         with suppress(OSError):
             content = file.read_bytes()
             code = content[DIGEST_BYTES:]
             if content[:DIGEST_BYTES] != _checksum(file, code):
-                continue  # it will be compiled and saved again
-            with suppress(OSError):  # a file of others
+                continue  # damaged code is compiled and saved again
+            with suppress(OSError):  # a file of another user may be read, but not marked
                 os.utime(file)
             return code
     return None
@@ -79,9 +84,10 @@ def _checksum(file: Path, code: bytes) -> bytes:
 
 
 def save(version: str, name: str, code: bytes) -> None:
-    """Keep `code` by that name, at once, whoever else does the same, and delete what has not been used for long.
+    """Save `code` by a name in the first folder that can be written, and delete old files there, see `prune`.
 
-    Where no folder can be written, one line says so, and the next process compiles again.
+    The file appears whole, even if several processes write it. If no folder can be written, a warning says so, and the
+    next process compiles again.
     """
     for base in base_folders():
         with suppress(OSError):
@@ -101,20 +107,20 @@ def save(version: str, name: str, code: bytes) -> None:
 
 
 def warn(text: str) -> None:
-    """Say what goes on, but not as it should."""
+    """Warn the user of something that works, but not as it should."""
     warnings.warn(text, RuntimeWarning, stacklevel=3)
 
 
 def prune(base: Path) -> None:
-    """Delete the files of ours in a folder that no process has used for 30 days."""
+    """Delete the files of this cache in a folder that no process has used for 30 days."""
     for file in base.iterdir():
         with suppress(OSError):  # another process may do the same
             if _OURS.fullmatch(file.name) and time.time() - file.lstat().st_mtime > KEPT_SECONDS:
-                file.unlink()  # which neither follows a link nor deletes a folder
+                file.unlink()  # deletes a link itself, not its target, and no folder
 
 
 class _Kept:
-    """The cache of one compiled function; methods and arguments are those that Numba asks a cache for."""
+    """The cache of one compiled function, with the methods that Numba calls of a cache."""
 
     cache_path = None
 
@@ -126,13 +132,13 @@ class _Kept:
         return f"{self._function.__name__}-{hashlib.sha256(self._sources + told.encode()).hexdigest()[:16]}"
 
     def load_overload(self, signature: Any, context: Any) -> Any:
-        """The compiled function for arguments of some types, or None."""
+        """Return the compiled function for a signature from the cache, or None if it must be compiled."""
         code = load(self._version, self._name(signature))
-        with suppress(Exception):  # whatever it is, compiling mends it
+        with suppress(Exception):  # of any kind: compiling anew mends it
             if code is not None:
                 from numba.core.compiler import CompileResult
 
-                context.refresh()  # what the code refers to must be known
+                context.refresh()  # functions that the code refers to must be registered before
                 found = CompileResult._rebuild(context, *pickle.loads(code))
                 ready.set()
                 return found
@@ -140,27 +146,34 @@ class _Kept:
         return None
 
     def save_overload(self, signature: Any, result: Any) -> None:
-        """Keep it; the addresses of this process in it are those of functions that are handed on, and are never read."""
+        """Save the compiled function for a signature.
+
+        The code holds addresses of this process, of functions that are passed as arguments; nothing ever reads them.
+        """
         under_way.clear()
         ready.set()
         try:
             from numba.core.serialize import dumps
 
             code = dumps(result._reduce())
-        except Exception as error:  # of a Numba that is not known yet
+        except Exception as error:  # of any kind, from a Numba that has changed inside
             warn(f"compiled code cannot be kept ({error})")
         else:
             save(self._version, self._name(signature), code)
 
     def flush(self) -> None:
-        """Nothing waits to be written."""
+        """Do nothing, since each function is written at once."""
 
     enable = disable = flush
 
 
 def kept(function: Any, version: str) -> Any:
-    """Keep the code of a compiled function for later processes: by a version and all sources of the function's folder."""
+    """Give a compiled function a cache for later processes, and return it.
+
+    Its code is saved by a version and by all sources in the folder of the function.
+    """
     path = Path(inspect.getfile(function.py_func))
-    if path.is_file() and not function.py_func.__closure__:  # no prompt, and nothing that sources do not tell
+    # a function from a prompt has no sources, and values in a closure do not stand in them
+    if path.is_file() and not function.py_func.__closure__:
         function._cache = _Kept(function.py_func, path.parent, version)
     return function

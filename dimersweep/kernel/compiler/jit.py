@@ -1,7 +1,8 @@
-"""How the kernel is compiled: free of the GIL, strict about floating point, and kept for later processes.
+"""Compile the kernel: without the GIL, strict about floating point, and with its code saved for later processes.
 
-There are two ways. The plain one is ``numba.njit``, which works with every Numba. The fast one takes a fifth of its time, by
-what is private in Numba (``linking.py``), and may fail on any other Numba: then the plain way takes over in the same process.
+There are two ways. The plain way is ``numba.njit``, which works with every Numba. The fast way takes a fifth of its
+time, by private parts of Numba (``linking.py``), and may fail on any other Numba: then the plain way takes over in the
+same process.
 """
 
 import functools
@@ -19,34 +20,37 @@ from dimersweep.kernel.compiler.fusing import fused
 from dimersweep.kernel.compiler.versions import code_version
 from dimersweep.kernel.compiler.ways import FAST, PLAIN, PYTHON, asked_way, give_up, take, way
 
-# no fastmath: it would break the ordering of events and the meaning of nan, and have each compiler round as it likes (see
-# ``fusing.py``); error_model "numpy" spares a branch per division (a kernel never raises)
+# no fastmath: it would break the ordering of events and the meaning of nan, and let each compiler round as it likes
+# (see ``fusing.py``); error_model "numpy" spares a branch for each division (a kernel never raises)
 _SETTINGS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-# no reference counts: nothing is allocated, and a part returns no array to code that counts
+# settings of device functions: no reference counts, since nothing is allocated, and no array is returned to code that
+# counts
 _SPARED: dict[str, Any] = {"_nrt": False, "no_cfunc_wrapper": True}
 _njit: Any = numba.njit
-# has an attribute for each setting that this Numba knows
+# object with an attribute for each setting that this Numba knows
 _known: Any = getattr(getattr(_njit(lambda: None), "targetdescr", None), "options", None)
 _changing = threading.Lock()
-_OF_OTHERS = (MemoryError, TimeoutError, numba.TypingError)  # errors of the machine, of a signal, of a call
+# errors for which the fast way is not to blame, but the machine, a signal, or the call
+_OF_OTHERS = (MemoryError, TimeoutError, numba.TypingError)
 
 
 class Part:
-    """A function that is compiled, in the way that is gone by the time when that is done, into those that call it: for Python
-    nothing is made of it.
+    """A device function: compiled into its callers, without an entry point from Python.
+
+    The way of compiling is looked up at the first compilation.
     """
 
     def __init__(self, function: Callable[..., Any], lines: Sequence[str] = (), **settings: Any) -> None:
         self.__name__, self.__doc__ = function.__name__, function.__doc__
         self.py_func = function
-        self._lines = lines  # of its file, where its sums of products are fused
+        self._lines = lines  # lines of its file, if its sums of products are fused; else none
         spared = {name: value for name, value in (_SPARED | settings).items() if hasattr(_known, name)}
         self._settings = _SETTINGS | spared
         self._made: dict[str, Any] = {}
 
     @property
     def dispatcher(self) -> Any:
-        """What Numba has for this function."""
+        """Numba's dispatcher of the function for the present way of compiling, made at the first use."""
         chosen = way()
         if chosen not in self._made:
             self._made[chosen] = self._make(chosen)
@@ -69,24 +73,25 @@ class Part:
 
 
 class Kernel(Part):
-    """A function that Python calls."""
+    """A compiled function that Python calls."""
 
     def _make(self, chosen: str) -> Any:
         return kept(super()._make(chosen), code_version(chosen))
 
     def __call__(self, *given: Any) -> Any:
-        """What the kernel returns.
+        """Call the kernel, and return its result.
 
-        One that cannot be compiled the fast way is compiled the plain way, as all others from now on. Where that raises, too,
-        the fault is in the call, the sources or the machine, and all is as before.
+        If it cannot be compiled the fast way, it is compiled the plain way, and so are all other kernels from now on.
+        If the plain way raises, too, the fault is in the call, the sources or the machine, and the way stays the fast
+        one.
         """
         try:
             return self.dispatcher(*given)
-        except Exception as error:  # while it is compiled: a kernel raises nothing
+        except Exception as error:  # from compiling it: the kernel itself raises nothing
             if asked_way() or isinstance(error, _OF_OTHERS):
                 raise
             with _changing:
-                if way() == FAST:  # no other thread was here meanwhile
+                if way() == FAST:  # else another thread has changed the way meanwhile
                     take(PLAIN)
                     try:
                         found = self.dispatcher(*given)
@@ -100,19 +105,19 @@ class Kernel(Part):
 
 @typeof_impl.register(Part)
 def _type_of(function: Part, _: Any) -> Any:
-    """What compiled code takes a function for: what stands for it now."""
+    """Return the type of a device function in compiled code: that of its dispatcher for the present way."""
     return numba.typeof(function.dispatcher)
 
 
 @lower_cast(types.NestedArray, types.Array)
 def _as_plain(context: Any, builder: Any, nested: Any, array: Any, value: Any) -> Any:
-    """An array within a record is held as any other."""
+    """Cast an array within a record to a plain array: its value stays as it is."""
     return value
 
 
 @lower_builtin("__array__", types.Array)
 def _as_it_is(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-    """An array is one as it is: unless that is said, Numba looks through all that it knows at each access."""
+    """Take an array for an array as it is: without this, Numba looks through all its conversions at each access."""
     return given[0]
 
 
@@ -123,11 +128,13 @@ def _plain_type(kind: Any) -> Any:
 
 
 def _without_literals(function: Any) -> Any:
-    """Have constants in calls typed as plain numbers, and arrays within records as plain arrays: else each of them compiles
-    the function once more. A call is typed once.
+    """Make calls of a function the same for constants and numbers, and for arrays within records and others.
+
+    Otherwise each constant, and each such array, compiles the function once more. The type of each call is looked up
+    once.
     """
     typed = getattr(function, "get_call_template", None)
-    if typed is None:  # Numba has changed
+    if typed is None:  # Numba has changed inside
         return function
 
     once = functools.cache(lambda *args, **kws: typed(args, kws))
@@ -143,25 +150,27 @@ def exported(function: Callable[..., Any]) -> Any:
 
 
 def plain(function: Any) -> Any:
-    """The Python function of a compiled one: what is only arithmetic takes arrays there."""
+    """Return the Python function of a compiled one; if it is only arithmetic, it takes arrays, too."""
     return getattr(function, "py_func", function)
 
 
 def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, inline: bool = False) -> Any:
-    """Compile what only other kernels call.
+    """Compile a function that only other kernels call; a decorator, with or without options.
 
     Parameters
     ----------
     fuse : bool
-        Round sums of products once instead of twice, by the rule of ``fusing.py``. Not for what treats the ends of the dimer
-        by different expressions, which must agree exactly where they move alike.
+        Round sums of products once instead of twice, by the rule of ``fusing.py``. Not for a function that has
+        different expressions for the two ends of the dimer: these must agree exactly where the ends move alike.
     inline : bool
-        Write the code into what calls it, however long: for what is called so often that passing its arrays counts.
+        Write the code into its callers, however long it is: for a function called so often that passing its arrays
+        counts.
     """
     if function is None:
         return functools.partial(compiled, fuse=fuse, inline=inline)
-    lines = linecache.getlines(function.__code__.co_filename) if fuse else []  # as they are now: later they may differ
+    # the lines are read at once, since the file may be edited before the function is compiled
+    lines = linecache.getlines(function.__code__.co_filename) if fuse else []
     if way() == PYTHON:
         return fused(function, lines) if fuse else function
-    # where forceinline is not set, that of the first caller would hold
+    # forceinline is set for all: without it, Numba takes the setting of the first caller
     return Part(function, lines, forceinline=inline, no_cpython_wrapper=True)

@@ -1,9 +1,9 @@
-"""The fast way of compiling: functions that only kernels call are kept as parts, and linked before they are optimised.
+"""The fast way of compiling: device functions are kept as parts, and linked into a kernel before they are optimised.
 
-Numba makes machine code of every function on its own, and LLVM optimises what a function calls once more with each of its
-callers. Here an exported kernel links all the parts it needs, each once, and they are optimised and made machine code together.
-What Numba does on the way that a kernel has no need of is left out: it has no closures, no ``with``, no tuples of mixed types
-and no array expressions, but the same few operations on the same few types a thousand times.
+Numba makes machine code of every function on its own, and LLVM optimises a function once more with each of its callers.
+Here an exported kernel links all the parts it needs, each once. Then they are optimised, and made machine code,
+together. Passes of Numba that a kernel does not need are left out: it has no closures, no ``with``, no tuples of mixed
+types and no array expressions, but the same few operations on the same few types a thousand times.
 """
 
 import gc
@@ -20,6 +20,7 @@ from numba.core.untyped_passes import FixupArgs, ReconstructSSA, TranslateByteCo
 
 from dimersweep.kernel.compiler.versions import target
 
+# passes of Numba that a kernel needs, in their order
 _PASSES: tuple[Any, ...] = (
     TranslateByteCode,
     FixupArgs,
@@ -29,15 +30,15 @@ _PASSES: tuple[Any, ...] = (
     NativeLowering,
     NoPythonBackend,
 )
-_Function: Any = BaseFunction  # it is patched
+_Function: Any = BaseFunction  # typed as Any, since `_in_a_hurry` patches it
 _type: Callable[..., Any] = BaseFunction.get_call_type
 
 
 class _Part(JITCodeLibrary):
-    """The code of one function, as Numba lowers it: neither optimised with what it calls nor made machine code."""
+    """The code of one function, as Numba lowers it: not optimised with its callees, and not made machine code."""
 
     def _optimize_functions(self, module: Any) -> None:
-        """Optimise each function by itself, as Numba does, but lightly: all of them are optimised together later."""
+        """Optimise each function by itself, as Numba does, but lightly: all functions are optimised together later."""
         module.data_layout = self._codegen._data_layout
         passes, builder = self._codegen._function_pass_manager(opt=1)
         for function in module.functions:
@@ -45,11 +46,11 @@ class _Part(JITCodeLibrary):
                 passes.run(function, builder)
 
     def _ensure_finalized(self) -> None:
-        """Never: only what links it is finalized, which takes this function without what it calls."""
+        """Do nothing: the kernel that links the part is finalized, and takes the part without its callees."""
 
 
 def _needed(library: Any, seen: dict[int, Any]) -> dict[int, Any]:
-    """What this library calls, each once, with what the parts among it call."""
+    """Add to `seen`, and return, the libraries that a library calls, directly or through parts, by their `id`."""
     for each in library._linking_libraries:
         if id(each) not in seen:
             seen[id(each)] = each
@@ -59,10 +60,10 @@ def _needed(library: Any, seen: dict[int, Any]) -> dict[int, Any]:
 
 
 class _Kernel(JITCodeLibrary):
-    """The code of an exported kernel with all that it calls, which nothing else may call.
+    """The code of an exported kernel with all functions that it calls, which nothing else may call.
 
-    So LLVM passes on what a function uses of its arguments, and not the seven words of each array. Such a function has no
-    name in the object code: the loader would take it for another one of that name.
+    So LLVM passes only the parts of arguments that a function uses, and not the seven words of each array. Such a
+    function has no name in the object code: the loader would take it for the function of that name in another kernel.
     """
 
     def finalize(self) -> None:
@@ -77,7 +78,7 @@ class _Kernel(JITCodeLibrary):
 
 
 class _KernelCodegen(JITCPUCodegen):
-    """Numba's maker of machine code, for the kernel's own target: other code of the process is compiled as before."""
+    """Numba's code generator for the kernel's own target: other code of the process is compiled as before."""
 
     _library_class = _Kernel
 
@@ -90,26 +91,27 @@ class _KernelCodegen(JITCPUCodegen):
 
 @cache
 def _codegen() -> Any:
-    """The one that all kernels share."""
+    """Return the code generator that all kernels share."""
     return _KernelCodegen("dimersweep")
 
 
-_size = cache(lambda kind: kind.get_abi_size(_codegen().target_data))  # of a type: LLVM parses a module to tell it
+_size = cache(lambda kind: kind.get_abi_size(_codegen().target_data))  # size of a type, for which LLVM parses a module
 
 
 _typed = cache(lambda function, context, args, kws: _type(function, context, args, dict(kws)))
 
 
 def _type_once(function: Any, context: Any, args: Any, kws: Any) -> Any:
-    """Signature of an operation for types of arguments: Numba looks through all that it knows every time."""
+    """Return the signature of an operation for types of arguments, looked up once: Numba's search takes long."""
     return _typed(function, context, tuple(args), tuple(kws.items()))
 
 
 @contextmanager
 def _in_a_hurry() -> Iterator[None]:
-    """Type each operation once, and look for no garbage; Numba's lock keeps other threads from compiling.
+    """Look up each signature once, and collect no garbage, while the context lasts.
 
-    The former takes a sixth off the time, the latter a seventh.
+    The first saves a sixth of the time, the second a seventh. Numba's lock keeps other threads from compiling
+    meanwhile.
     """
     before, collects = _Function.get_call_type, gc.isenabled()
     try:
@@ -123,7 +125,7 @@ def _in_a_hurry() -> Iterator[None]:
 
 
 class KernelCompiler(CompilerBase):
-    """Compiles a kernel that Python calls, with those of Numba's passes that it needs."""
+    """A compiler of kernels that Python calls, with the passes of Numba that they need."""
 
     def define_pipelines(self) -> list[Any]:
         passes = PassManager("kernel")
@@ -133,17 +135,18 @@ class KernelCompiler(CompilerBase):
         return [passes]
 
     def compile_extra(self, func: Any) -> Any:
-        context = self.state.targetctx  # a copy for this function only
+        context = self.state.targetctx  # a copy for this function, so that the change concerns no other one
         context._internal_codegen, context.get_abi_sizeof = _codegen(), _size
         with _in_a_hurry():
             return super().compile_extra(func)
 
 
 class PartCompiler(KernelCompiler):
-    """Compiles a function that only other kernels call: it becomes a part, not machine code."""
+    """A compiler of functions that only other kernels call: they become parts, not machine code."""
 
     def compile_extra(self, func: Any) -> Any:
         self.state.library = _Part(_codegen(), func.__qualname__)
-        # the entry from Python, by which Numba knows a function: one of its own that is never called (``jit.py``)
+        # Numba knows a function by its entry point from Python: each part has a new one, which is never called
+        # (``jit.py``)
         self.state.targetctx.get_executable = lambda *_: {}.popitem
         return super().compile_extra(func)

@@ -1,6 +1,6 @@
-"""Records: named numbers in memory, which the kernel hands on by their address.
+"""Records: named numbers in memory, which the kernel passes by their address.
 
-A tuple goes from function to function by its values: one of forty numbers costs more than many a function that takes it.
+A tuple is passed by its values: passing forty numbers costs more than many a function that takes them.
 """
 
 from collections.abc import Sequence
@@ -14,13 +14,16 @@ import numpy as np
 Fields = TypeVar("Fields")
 _config: Any = numba.config
 NUMBERS = (bool, int, float)
-ROW = 24  # entries of a row of scratch, more than any state has: whole lines of the cache
+ROW = 24  # entries of a row of scratch: more than any state has, and whole lines of the cache (8 entries each)
 Row = Annotated[list[float], ROW]
 
 
-@cache  # a search of an orbit makes thousands of records
+@cache  # the search of an orbit makes thousands of records
 def record_type(fields: type) -> np.dtype:
-    """The type in memory of a class of named numbers, further such classes, and `Annotated` lists of either, by length."""
+    """Return the type in memory of a class of named numbers.
+
+    Its fields are numbers, further such classes, or lists of either, `Annotated` with their length.
+    """
     kinds = get_type_hints(fields, include_extras=True).items()
     return np.dtype((np.record, np.dtype([(name, _type_of(kind)) for name, kind in kinds], align=True)))
 
@@ -32,23 +35,23 @@ def _type_of(kind: Any) -> Any:
 
 
 def one(fields: type[Fields]) -> Sequence[Fields]:
-    """An array of one record of this class with all its numbers zero.
+    """Return an array of one record of a class, with all its numbers zero.
 
-    With the JIT off it is a list of a plain object, which Python reads thirty times as fast.
+    With the JIT off it is a list of one plain object instead, which Python reads thirty times as fast.
     """
     records: Any = np.zeros(1, record_type(fields))  # type: ignore[arg-type]  # a class is hashable: mypy 11469
     return [as_object(records[0])] if _config.DISABLE_JIT else records
 
 
 def new_record(fields: type[Fields]) -> Fields:
-    """A record of this class with all its numbers zero, to be filled in place."""
+    """Return a record of a class with all its numbers zero, to be filled in place."""
     return one(fields)[0]
 
 
 def as_object(record: Any) -> Any:
-    """A record as a plain object, see `one`: a copy, which Python reads and compiled code does not take.
+    """Return a record as a plain object: Python reads it faster, and compiled code does not take it.
 
-    What is in it comes out likewise, but for its arrays, of which it has a view.
+    Numbers and records within it are copied; of its arrays the object has views.
     """
     if isinstance(record, np.void):
         return SimpleNamespace(**{name: as_object(record[name]) for name in record.dtype.names or ()})

@@ -1,8 +1,10 @@
-"""What code and results are made of, as two hashes: one names the folder of compiled code, the other is compared.
+"""Versions of code and of results, as two hashes.
 
-The first holds the sources of the kernel, the compiler with its settings, and the processor that code is made for. The second
-holds the sources of all modules that a number comes through on its way into a cube, and nothing else: how sums of products are
-rounded stands in them (``fusing.py``), and that a compiler and a processor do so is proven (``work.proving``).
+The version of code names the files of compiled code. It covers the sources of the kernel, the compiler with its
+settings, and the processor that code is made for. The version of results is compared between workers, and with former
+sweeps. It covers the sources of all modules that a number passes on its way into a cube, and nothing else. They say how
+sums of products are rounded (``fusing.py``), and ``work.proving`` proves that the compiler and the processor keep to
+it.
 """
 
 import hashlib
@@ -12,23 +14,23 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-# code is made for a processor that many others are, so that the nodes of a cluster share it
-COMMON = "x86-64-v3"  # Intel since 2013, AMD since 2015
-INSTRUCTIONS = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")
-ARM = ("aarch64", "arm64")  # machines whose least processor has all that counts
-# of numba.config: those that change what machine code is made
+# level of processors for which code is made, so that the nodes of a cluster share it: Intel since 2013, AMD since 2015
+COMMON = "x86-64-v3"
+INSTRUCTIONS = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")  # instructions of that level
+ARM = ("aarch64", "arm64")  # machines of which every processor has the instructions that matter, such as fma
+# settings in numba.config that change the machine code
 SETTINGS = ("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "ENABLE_AVX", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE", "USING_SVML")
-BESIDE = ("cli", "exploring", "plots")  # rooms of the package that read cubes, and make none
+BESIDE = ("cli", "exploring", "plots")  # rooms of the package that read cubes, and have no part in their numbers
 KERNEL = Path(__file__).parents[1]
 
 
 def sources(folder: Path, beside: Collection[str] = ()) -> list[Path]:
-    """The Python sources below `folder`, in order, but for those in the rooms `beside`."""
+    """Return the Python sources below `folder`, in order, without those in the rooms `beside`."""
     return [path for path in sorted(folder.rglob("*.py")) if path.relative_to(folder).parts[0] not in beside]
 
 
 def sources_digest(folder: Path, beside: Collection[str] = ()) -> bytes:
-    """Hash of these sources, with their paths in it."""
+    """Return a hash of the sources below `folder`, with their paths, without those in the rooms `beside`."""
     digest = hashlib.sha256()
     for path in sources(folder, beside):
         digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
@@ -37,15 +39,18 @@ def sources_digest(folder: Path, beside: Collection[str] = ()) -> bytes:
 
 @cache
 def take_digests() -> tuple[bytes, bytes]:
-    """Hashes of the sources of the kernel, and of all that cubes come through, to be taken before these are imported."""
+    """Return hashes of the sources of the kernel, and of all modules that numbers pass on their way into a cube.
+
+    They are to be taken before these modules are imported, since a file may be edited after that.
+    """
     return sources_digest(KERNEL), sources_digest(KERNEL.parent, BESIDE)
 
 
 def target(common: bool = True) -> tuple[str, str]:
-    """Name and features of the processor that code is made for, as LLVM has them; imports Numba.
+    """Return the name and features of the processor that code is made for, in LLVM's words; import Numba.
 
-    `COMMON`, or any with arm64, if it may be, where this processor has the instructions, and the user's settings of Numba ask
-    for nothing else; or that for which Numba itself makes code.
+    It is `COMMON`, or with ARM any processor, if `common` is set, this processor has the instructions, and the user's
+    settings of Numba ask for nothing else. Otherwise it is the processor for which Numba itself makes code.
     """
     import numba
     from llvmlite import binding
@@ -62,7 +67,7 @@ def target(common: bool = True) -> tuple[str, str]:
 
 
 def compiler(way: str) -> dict[str, str]:
-    """Return what makes machine code of the kernel, how, and for what; imports Numba."""
+    """Return versions, way, target and settings of the compiler of the kernel, by name; import Numba."""
     import llvmlite
     import numba
     import numpy as np
@@ -70,16 +75,16 @@ def compiler(way: str) -> dict[str, str]:
     parts = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
     parts["way"] = way
     parts["python"] = f"{platform.python_implementation()} {platform.python_version()}"
-    parts["target"] = " ".join(target(common=way != "plain"))  # numba.njit makes code for what it finds
+    parts["target"] = " ".join(target(common=way != "plain"))  # numba.njit makes code for the processor it runs on
     return parts | {name: str(getattr(numba.config, name, None)) for name in SETTINGS}
 
 
 @cache
 def code_version(way: str) -> str:
-    """Return the version of code that is compiled this way, by the kernel's sources and the compiler; 16 hexadecimal digits."""
+    """Return the version of code compiled this way, by the kernel's sources and the compiler: 16 hexadecimal digits."""
     return hashlib.sha256(take_digests()[0] + str(compiler(way)).encode()).hexdigest()[:16]
 
 
 def kernel_version() -> str:
-    """Return the version that results are compared by, with those of workers and of former sweeps; 16 hexadecimal digits."""
+    """Return the version of results, by all sources that their numbers pass: 16 hexadecimal digits."""
     return take_digests()[1].hex()[:16]

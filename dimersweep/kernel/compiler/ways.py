@@ -1,7 +1,8 @@
-"""The way that the kernel is compiled, the same for all of it: the fast one, until it fails; the plain one; or none.
+"""The way of compiling, the same for the whole kernel: the fast way until it fails, the plain way, or none.
 
-DIMERSWEEP_COMPILER chooses. Without it the fast way is tried on any Numba. Where it raises, and the plain way does not, that
-takes over, and a note of it is left beside the code of the fast way: so it holds for one version of the kernel and of Numba.
+DIMERSWEEP_COMPILER chooses. Without it the fast way is tried on any Numba. If it raises, and the plain way does not,
+the plain way takes over. A note of this is left beside the code of the fast way, so it holds for one version of the
+kernel and of Numba.
 """
 
 import os
@@ -11,29 +12,29 @@ from typing import Any
 from dimersweep.kernel.compiler import cache, versions
 
 FAST, PLAIN, PYTHON = "fast", "plain", "python"
-NOTE = "fast-way-fails"
+NOTE = "fast-way-fails"  # name of the note in the cache of code
 
-_taken: list[str] = []  # the way that is gone
+_taken: list[str] = []  # present way of this process, once it is chosen
 
 
 def way() -> str:
-    """How the kernel is compiled: FAST, PLAIN or, with the JIT off, PYTHON."""
+    """Return the present way of compiling, FAST, PLAIN or, with the JIT off, PYTHON; choose it at the first call."""
     return _taken[-1] if _taken else take(first_way())
 
 
 def take(chosen: str) -> str:
-    """Compile this way from now on; returns it."""
+    """Compile a way from now on, and return it."""
     _taken[:] = [chosen]
     return chosen
 
 
 def asked_way() -> str | None:
-    """What DIMERSWEEP_COMPILER asks for, PYTHON with the JIT off, or None.
+    """Return the way that DIMERSWEEP_COMPILER asks for, or None; with the JIT off, PYTHON.
 
     Raises
     ------
     ImportError
-        If DIMERSWEEP_COMPILER asks for what there is not.
+        If DIMERSWEEP_COMPILER asks for another way.
     """
     import numba
 
@@ -45,7 +46,10 @@ def asked_way() -> str | None:
 
 
 def first_way() -> str:
-    """The way that a process begins with; a line says so where the fast one is known to fail."""
+    """Return the way that a process begins with.
+
+    It is the way asked for, else the fast way or, with a warning, the plain way if a note says that the fast one fails.
+    """
     if asked := asked_way():
         return asked
     note = cache.load(versions.code_version(FAST), NOTE)
@@ -55,7 +59,7 @@ def first_way() -> str:
 
 
 def give_up(error: Exception) -> None:
-    """Note for later processes that the fast way fails with this error, and say so."""
+    """Note for later processes that the fast way fails with this error, and warn the user."""
     text = textwrap.shorten(f"{type(error).__name__}: {error}", width=200, placeholder="...")
     cache.save(versions.code_version(FAST), NOTE, text.encode())
     _tell(text)
@@ -71,5 +75,5 @@ def _tell(reason: str) -> None:
 
 
 def is_compiled() -> bool:
-    """Whether compiled code of this version of the kernel is at hand, or none is needed, so that the next call is quick."""
+    """Return True if compiled code of this version of the kernel is at hand or not needed: the next call is quick."""
     return way() == PYTHON or bool(cache.files(versions.code_version(way())))
