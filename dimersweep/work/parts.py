@@ -1,4 +1,4 @@
-"""Parts of a sweep, each for a process of its own that knows nothing of the others: which points it has, and its file."""
+"""Parts of a sweep, each for a process of its own that knows nothing of the others: its points, and its file."""
 
 import re
 from math import ceil
@@ -8,19 +8,19 @@ from typing import Any, NamedTuple, Self
 from dimersweep.cubes.results import Tile
 from dimersweep.errors import ParameterError
 
-TILES = 64  # of a part at most: the points of all parts are spread alike over the grid, and a store has few rows
-PARTS_AT_MOST = 10_000
+TILES = 64  # largest number of tiles of a part: enough to spread each part over the grid, while its store has few rows
+PARTS_AT_MOST = 10_000  # largest number of parts
 
 
 class SweepPart(NamedTuple):
-    """The part `number` of `total`, which are counted from 1."""
+    """The part `number` of `total` parts, counted from 1."""
 
     number: int
     total: int
 
     @classmethod
     def of(cls, given: Any) -> Self:
-        """Return the part that ``"3/20"``, or ``(3, 20)``, asks for; raise a ParameterError if that is none."""
+        """Return the part that ``"3/20"``, or ``(3, 20)``, asks for; raise a ParameterError for anything else."""
         text = "/".join(map(str, given)) if isinstance(given, tuple | list) else str(given)
         found = re.fullmatch(r"\s*([0-9]{1,5})\s*/\s*([0-9]{1,5})\s*", text)
         part = cls(*map(int, found.groups())) if found else cls(0, 0)
@@ -36,10 +36,11 @@ class SweepPart(NamedTuple):
         return out.with_name(f"{out.stem}.part-{self.number}-of-{self.total}{out.suffix}")
 
     def ranges(self, size: int, line: int = 1) -> list[Tile]:
-        """Return its tiles of `size` points, in order: one in each round of all parts, and whole lines of so many points.
+        """Return the tiles of this part in a grid of `size` points, in order, each of whole lines of `line` points.
 
-        The order of the parts moves on by one from round to round. If it did not, and the tiles of a row of the grid were a
-        multiple of the parts, each part would have some columns of the grid, which may be quick or slow.
+        The tiles of the grid are dealt to the parts in rounds, and the order of the parts moves on by one from round to
+        round. If it did not, and a row of the grid had a multiple of the parts as tiles, each part would have some
+        columns of the grid, which may be quick or slow.
         """
         length = line * ceil(size / line / (TILES * self.total))
         rounds = range(ceil(size / (length * self.total)))

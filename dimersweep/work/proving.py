@@ -1,8 +1,9 @@
-"""Whether the kernel works and rounds as it must: what is known to come out, run before any work is given to it.
+"""Prove, before any work, that the kernel runs in this process and rounds as it must, by scenes with known bits.
 
-Results are compared by nothing but the sources, so each process proves that its compiler and its processor keep to them: the
-bits of known scenes, and of elementary functions at arguments where a product that is rounded on its own changes the last one.
-`benchmarks/evidence/fusings.py` has chosen both and written them down, in ``known.json``, and tells what they see.
+The version of results depends on the sources alone. So each process proves that its compiler and its processor keep to
+them. It compares the bits of known scenes, and of elementary functions at arguments where a product that is rounded by
+itself changes the last bit. `benchmarks/evidence/fusings.py` chose both, wrote them into ``known.json``, and says
+which faults they show.
 """
 
 import hashlib
@@ -25,28 +26,28 @@ from dimersweep.kernel.model.layout import CODE_MODE, MODES, V_RADIUS
 from dimersweep.kernel.numerics.elementary import functions
 from dimersweep.parameters import Parameters
 
-PROOF_PERIODS, PROOF_RTOL = 100, 1e-8
-OTHER_PHYSICS = "DIMERSWEEP_OTHER_PHYSICS"  # set by who has changed the sources of the kernel, and means it
+PROOF_PERIODS, PROOF_RTOL = 100, 1e-8  # periods and rtol of the scenes, as in ``known.json``
+OTHER_PHYSICS = "DIMERSWEEP_OTHER_PHYSICS"  # environment variable for those who change the kernel's sources on purpose
 KNOWN = json.loads(Path(__file__).with_name("known.json").read_text())
 SCENES, ARGUMENTS = KNOWN["scenes"], KNOWN["arguments"]
 _LOCK, PROVEN = threading.Lock(), threading.Event()
 
 
 def is_proven() -> bool:
-    """Whether `prove` has been through."""
+    """Return True if `prove` has succeeded in this process."""
     return PROVEN.is_set()
 
 
 def prove() -> None:
-    """Run `SCENES`, once in a process: of many threads that ask, one does it for all.
+    """Run `SCENES` and compare their bits, once in a process: of several threads, one does it for all.
 
-    A kernel whose sources were changed, as by who tries another physics, gives other numbers: where `OTHER_PHYSICS` is set, a
-    warning says so, and that is all.
+    A kernel whose sources were changed, say to try another physics, gives other numbers. If `OTHER_PHYSICS` is set, a
+    warning says so, and no error is raised.
 
     Raises
     ------
     KernelError
-        If the kernel raises, or gives other numbers than are known, with the processor and the versions that it is of.
+        If the kernel raises, or gives other numbers; the message names the processor and the versions.
     """
     with _LOCK:
         if not is_proven():
@@ -59,7 +60,7 @@ def _prove() -> None:
         wrong = [told for each in zip(SCENES, *outcomes(), strict=False) if (told := _difference(*each))]
         if bits_of(functions(ARGUMENTS)) != KNOWN["functions"]:
             wrong.append("gives other last digits of elementary functions")
-    except Exception as error:  # whatever the compiler, its cache or the machine leads to
+    except Exception as error:  # of any kind: from the compiler, its cache or the machine
         raise KernelError(f"kernel: cannot run here ({type(error).__name__}: {error})") from error
     if wrong and not os.environ.get(OTHER_PHYSICS):
         raise KernelError(
@@ -71,8 +72,11 @@ def _prove() -> None:
 
 
 def outcomes() -> tuple[np.ndarray, np.ndarray]:
-    """Return the numbers and codes that `SCENES` come to, shapes (n, N_OUT) and (n, N_CODES); without the JIT the first."""
-    scenes = SCENES[:1] if way() == PYTHON else SCENES  # Python takes seconds, and has no compiler to prove
+    """Return the numbers and codes that `SCENES` come to, shapes (n, N_OUT) and (n, N_CODES).
+
+    Without the JIT it is the first scene only.
+    """
+    scenes = SCENES[:1] if way() == PYTHON else SCENES  # Python takes seconds for a scene, and has no compiler to prove
     rows = np.array([Parameters(**scene["parameters"]).row() for scene in scenes])
     out, codes = blank(len(rows))
     run_many(rows, PROOF_PERIODS, PROOF_RTOL, True, out, codes)
@@ -80,13 +84,13 @@ def outcomes() -> tuple[np.ndarray, np.ndarray]:
 
 
 def bits_of(*arrays: np.ndarray) -> str:
-    """A checksum of all bits of some arrays."""
+    """Return a checksum of all bits of some arrays, the same on machines of either byte order."""
     every = b"".join(array.astype(array.dtype.newbyteorder("<")).tobytes() for array in arrays)
     return hashlib.sha256(every).hexdigest()[:16]
 
 
 def _difference(scene: dict[str, Any], out: np.ndarray, codes: np.ndarray) -> str:
-    """What a scene came to in place of what is known of it; "" if that is the same."""
+    """Return in words how the results of a scene differ from the known ones; "" if they are the same."""
     if bits_of(out, codes) == scene["bits"]:
         return ""
     what = ", ".join(f"{name} = {value}" for name, value in scene["parameters"].items()) or "the base case"
@@ -94,7 +98,7 @@ def _difference(scene: dict[str, Any], out: np.ndarray, codes: np.ndarray) -> st
 
 
 def machine() -> str:
-    """The processor, and what makes code of the kernel for it."""
+    """Return the name of the processor, and the versions that make code of the kernel for it."""
     from llvmlite import binding
 
     made = compiler(way())

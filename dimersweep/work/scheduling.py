@@ -1,4 +1,4 @@
-"""Tiles to workers and results back: threads of this process, or those of any dask.distributed cluster."""
+"""Send tasks to workers and take their results back: threads of this process, or of a dask.distributed cluster."""
 
 import logging
 import os
@@ -26,29 +26,42 @@ from dimersweep.work.tiles import TILE_SECONDS, TaskResult, Work, attempt
 from dimersweep.work.waiting import MEMORY, Patience, lacks, words_for
 from dimersweep.work.warming import get_ready
 
-IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that none idles and a million tiles do not pile up
-# tasks that a cluster is shown, however few workers it has: an adaptive one asks for as many threads as there are 5 s of work,
-# or ten tasks, and these are enough for 400 threads at once
+IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that no worker idles and few tasks pile up
+# number of tasks that a cluster has at a time, however few workers it has. An adaptive cluster asks for a thread for
+# every 5 s of work, or every ten tasks: these are enough for 400 threads at once
 DEMAND = 4096
-FIRST_SHOWN = 128  # of them before one has come back: of a point each, which dask takes for half a second
-TASK_GRACE = 1.0  # seconds that running tiles have to come back when the sweep is stopped
-CONNECT_SECONDS = 10.0  # to find a scheduler
-ANSWER_SECONDS = 2.0  # that workers have to answer what they are asked: their loop is free while they compute
-CLIENT_LOGS = ("distributed.client", "tornado.application", "asyncio")  # they log a connection that is lost
-COUNT_SECONDS = 5.0  # between two counts of the workers of a cluster, which may come and go
-TASK_GROWTH = 4  # a task has at most this many times the points that have come back in all
-TASK_POINTS = 1 << 18  # points of a task, however quick they are: its results take 50 MB of whoever holds them
-TILES_PER_WORKER = 4  # at least, so that no worker idles for long at the end
-TASK_SECONDS = 0.004  # that a task costs driver and scheduler at most: tasks are long enough for so many workers
+# number of tasks, each of one point, that a cluster has before one has come back: dask reckons half a second for each
+FIRST_SHOWN = 128
+TASK_GRACE = 1.0  # time to wait for running tasks when the sweep is stopped [s]
+CONNECT_SECONDS = 10.0  # time to find a scheduler [s]
+ANSWER_SECONDS = 2.0  # time for the answer of a worker [s]: its event loop is free while it computes
+CLIENT_LOGS = ("distributed.client", "tornado.application", "asyncio")  # loggers of a connection that breaks
+COUNT_SECONDS = 5.0  # time between two counts of the workers of a cluster, which may come and go [s]
+TASK_GROWTH = 4  # largest ratio of the points of a task to the points that have come back in all
+TASK_POINTS = 1 << 18  # largest number of points of a task, however quick they are: its results take 50 MB of memory
+TILES_PER_WORKER = 4  # least number of tasks for each worker, so that no worker idles for long at the end
+TASK_SECONDS = 0.004  # greatest cost of a task to driver and scheduler [s]: tasks are longer for more workers
 
 LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
 
 
 class Pool(NamedTuple):
-    """Where work is done: ``submit(work, points, seconds, ahead)`` gives a future of a `TaskResult`, behind `ahead` others.
+    """Workers that run tasks.
 
-    ``workers()`` counts threads; ``stop()`` has tasks end that do not see the flag of this process; ``lacks()`` tells whether
-    workers are missing, and ``words()`` who is there; and `demand` is how many tasks it may be given ahead.
+    Attributes
+    ----------
+    submit : callable
+        ``submit(work, points, seconds, ahead)`` returns the future of a task, which waits behind `ahead` other tasks.
+    workers : callable
+        Returns the number of threads.
+    stop : callable
+        Stops the tasks of other processes, which do not see the flag of this one.
+    lacks : callable
+        Returns True if workers are missing.
+    words : callable
+        Returns a line on the workers that are there.
+    demand : int
+        Number of tasks that it takes at a time, however few workers it has.
     """
 
     submit: Callable[[Work, np.ndarray, float, int], "Future[TaskResult]"]
@@ -60,21 +73,21 @@ class Pool(NamedTuple):
 
 
 def tile_seconds(workers: int) -> float:
-    """Time of a task for so many workers [s]: driver and scheduler are to keep pace with all of them."""
+    """Return the time of a task [s] at which driver and scheduler keep pace with a number of workers."""
     return max(TILE_SECONDS, TASK_SECONDS * workers)
 
 
 class Pace:
-    """How many points make a task, from the time that the last ones took; one at first.
+    """The number of points of the next task, from the time that the last points took; 1 at first.
 
     Parameters
     ----------
     size : int
-        Points to run: each worker is to get a few tasks of them.
+        Number of points to run, of which each worker is to get a few tasks.
     workers : callable
-        How many run at a time; they may come and go.
+        Returns the number of workers, which may come and go.
     demand : int
-        See `Pool`.
+        Number of tasks that the pool takes at a time, see `Pool`.
     """
 
     def __init__(self, size: int, workers: Callable[[], int], demand: int = 0) -> None:
@@ -83,17 +96,17 @@ class Pace:
 
     @property
     def seconds(self) -> float:
-        """Time that a task is to take [s]."""
+        """Time that a task should take [s]."""
         return tile_seconds(self.workers())
 
     @property
     def in_flight(self) -> int:
-        """How many tasks may be under way: as long as nothing is known of their time, few of them."""
+        """Largest number of tasks under way; small as long as the time of a point is not known."""
         ahead = self.demand if self.is_known else min(FIRST_SHOWN, self.demand)
         return max(ahead, (IN_FLIGHT if self.seen else 1) * max(1, self.workers()))
 
     def note(self, points: int, seconds: float) -> None:
-        """Learn from what a task has done: so many points in so much time [s]."""
+        """Set the length of the next tasks from a task that has run a number of points in a time [s]."""
         if not points:
             return
         self.seen += points
@@ -105,7 +118,7 @@ class Pace:
 
 @contextmanager
 def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
-    """A pool of threads in this process, the default: the kernel leaves Python's lock alone."""
+    """Yield a pool of threads in this process, the default: the kernel runs without Python's lock."""
     executor = ThreadPoolExecutor(workers, thread_name_prefix="dimersweep")
     try:
         yield Pool(
@@ -117,28 +130,30 @@ def threads(workers: int, stop: StopFlag) -> Iterator[Pool]:
         executor.shutdown(wait=False, cancel_futures=True)
 
 
-_flags: dict[str, StopFlag] = {}  # in a worker process: of those for whom it has worked, or who asked it to stop
+# in a worker process: a flag for each asker (a pool in another process) whose tasks it has run, or who has asked it to
+# stop
+_flags: dict[str, StopFlag] = {}
 
 
 def stop_elsewhere(asker: str) -> None:
-    """In a worker process, end the tasks of one who asked for them, and those of him that are still to come."""
+    """Stop, in a worker process, the tasks of one asker, also those that are still to come."""
     _flags.setdefault(asker, StopFlag()).set()
 
 
 def run_elsewhere(work: Work, points: np.ndarray, seconds: float, asked: tuple[str, str], asker: str) -> TaskResult:
-    """Run points in a worker process, if that has the same kernel as the process that asks, and it works there.
+    """Run points in a worker process for an asker in another process, if the kernel is the same there, and proven here.
 
-    `asked` are the versions of the kernel and of dimersweep in that process.
+    `asked` has the versions of the kernel and of dimersweep of the asker.
 
     Raises
     ------
     ParameterError
-        If the kernel is another one: its numbers could differ; or if something that the work takes is missing.
+        If this process has another kernel, whose numbers could differ, or lacks something that the work needs.
     KernelError
-        If it cannot run there, or gives wrong numbers.
+        If the kernel cannot run here, or gives wrong numbers.
     """
     who = f"scheduler: worker process {os.getpid()} on {socket.gethostname()}"
-    if asked[0] != kernel_version():  # before minutes go by
+    if asked[0] != kernel_version():  # asked first, before minutes are spent on compiling
         one, other = " of dimersweep ".join(asked), f"{kernel_version()} of dimersweep {__version__}"
         raise ParameterError(f"{who} has another kernel ({one} here, {other} there); give all the same version")
     try:
@@ -151,7 +166,7 @@ def run_elsewhere(work: Work, points: np.ndarray, seconds: float, asked: tuple[s
 
 @contextmanager
 def connected(client: Any) -> Iterator[Any]:
-    """A dask.distributed client as it is, or one for a scheduler's address that is closed at the end.
+    """Yield a dask.distributed client as it is, or one for a scheduler's address, which is closed at the end.
 
     Raises
     ------
@@ -187,7 +202,7 @@ def _quiet() -> Iterator[None]:
 
 @contextmanager
 def cluster(client: Any) -> Iterator[Pool]:
-    """The workers of a dask.distributed client."""
+    """Yield the workers of a dask.distributed client as a pool; after an error in the context, stop their tasks."""
     executor: Any = client.get_executor(pure=False)
     counted, asker, begun = -COUNT_SECONDS, uuid4().hex, time.time()
     there: dict[str, int] = {}
@@ -201,7 +216,8 @@ def cluster(client: Any) -> Iterator[Pool]:
         return sum(there.values())
 
     def words() -> str:
-        # what the scheduler has noted is asked for: who subscribes to it replaces whoever else has on this client
+        # the notes of the scheduler are asked for. To subscribe to them would replace a handler that the user has on
+        # this client
         noted = answers(client.sync, client.scheduler.events).get("all", ())
         events = [event for at, event in noted if at >= begun and isinstance(event, dict)]
         left = [bool(event.get("expected")) for event in events if event.get("action") == "remove-worker"]
@@ -209,8 +225,8 @@ def cluster(client: Any) -> Iterator[Pool]:
         return words_for(client, there, left, unready)
 
     def submit(work: Work, points: np.ndarray, seconds: float, ahead: int) -> "Future[TaskResult]":
-        # The task carries its points along: data scattered beforehand could die with a worker. What waits behind others of
-        # ours lets those of another driver pass.
+        # the task carries its points along: data scattered beforehand could die with a worker. Its priority is lower
+        # the more tasks of this driver are ahead, so that tasks of another driver pass
         with _connection():
             given = *work.narrowed(points), seconds, (kernel_version(), __version__), asker
             return executor.submit(run_elsewhere, *given, priority=-ahead)
@@ -228,15 +244,18 @@ def cluster(client: Any) -> Iterator[Pool]:
         stop()
         raise
     finally:
-        with suppress(Exception):  # of a connection that is lost, for which distributed has no common class
+        with suppress(Exception):  # the connection may be broken, for which distributed has no common class of errors
             executor.shutdown(wait=False)
 
 
 def answers(ask: Callable[..., dict[str, Any]], *given: Any, **more: Any) -> dict[str, Any]:
-    """Return what a method of a client answers within `ANSWER_SECONDS`; an error alone where whom it asks hangs, or is lost."""
+    """Return the answers to a method of a client, by worker, within `ANSWER_SECONDS`.
+
+    If the scheduler hangs, or the connection is broken, the error is the only entry, under "".
+    """
     try:
         return ask(*given, callback_timeout=ANSWER_SECONDS, **more)
-    except Exception as error:  # distributed has no common class for what a lost scheduler leads to
+    except Exception as error:  # the errors after a broken connection have no common class in distributed
         return {"": error}
 
 
@@ -244,12 +263,12 @@ def answers(ask: Callable[..., dict[str, Any]], *given: Any, **more: Any) -> dic
 def _connection() -> Iterator[None]:
     try:
         yield
-    except Exception as error:  # distributed has no common class for what a lost scheduler leads to
+    except Exception as error:  # the errors after a broken connection have no common class in distributed
         raise UserError(f"{LOST} ({type(error).__name__}: {error})") from error
 
 
 def outcome(future: "Future[TaskResult]", points: int) -> TaskResult:
-    """What became of a task of so many points: all are broken if the worker died with them.
+    """Return the result of a task with a number of points; if its worker died, all of them count as broken.
 
     Raises
     ------
@@ -262,7 +281,7 @@ def outcome(future: "Future[TaskResult]", points: int) -> TaskResult:
         raise UserError(LOST) from None
     except UserError:
         raise
-    except Exception as error:  # of the machinery: `attempt` catches those of the kernel
+    except Exception as error:  # an error of the machinery: `attempt` catches errors of the kernel
         hint = f" {MEMORY}" if type(error).__name__ == "KilledWorker" else ""
         return TaskResult(blank_results(0), broken=points, reason=f"{type(error).__name__}: {error}{hint}")
 
@@ -270,20 +289,21 @@ def outcome(future: "Future[TaskResult]", points: int) -> TaskResult:
 def run_tasks(
     pool: Pool, work: Work, missing: Iterable[Tile], pace: Pace, stop: StopFlag, patience: Patience
 ) -> Iterator[tuple[np.ndarray, TaskResult]]:
-    """Do `work` at the points of `missing`, in tasks as `pace` says, until all are done or `stop` is set, as by `patience`.
+    """Run `work` at the points of `missing`, in tasks as long as `pace` says, until all are done or `stop` is set.
 
-    What a task brings back undone becomes a task of its own. After `stop`, tasks that run have `TASK_GRACE` seconds to come
-    back with the points they have.
+    `patience` may set `stop`, too. Points that a task leaves undone go into new tasks. After `stop`, running tasks have
+    `TASK_GRACE` seconds to come back with the points they have done.
 
     Yields
     ------
     points : ndarray of int
-        Of a task.
-    made : Made
-        What it brings back.
+        Numbers of the points of a task.
+    made : TaskResult
+        Its results.
     """
     running: dict[Future[TaskResult], np.ndarray] = {}
-    done: SimpleQueue[Future[TaskResult]] = SimpleQueue()  # to wait for each of thousands takes far longer
+    # futures that have ended, put there by themselves: to look at thousands of futures each time takes far longer
+    done: SimpleQueue[Future[TaskResult]] = SimpleQueue()
     undone: deque[np.ndarray] = deque()
     tasks = chunks(missing, lambda: pace.length, work.line)
     while not stop.is_set():
@@ -306,7 +326,7 @@ def run_tasks(
         pace.note(len(made.results), made.seconds)
         patience.look(came=len(made.results) > 0)
         left = task[len(made.results) + made.broken :]
-        undone.extend(chunks(ranges_of(left), lambda: pace.length, work.line))  # it may be far too much for one
+        undone.extend(chunks(ranges_of(left), lambda: pace.length, work.line))  # for one task they may be far too many
         yield task, made
     pool.stop()
     for future in wait(running, timeout=TASK_GRACE).done:

@@ -1,4 +1,4 @@
-"""Ending runs of the kernel from outside: compiled code does not see signals, nor the time."""
+"""Stop runs of the kernel from outside, by a signal or at a time: compiled code sees neither."""
 
 import signal
 import threading
@@ -12,31 +12,31 @@ from typing import Any, TypeVar
 from dimersweep.errors import Stopped
 from dimersweep.kernel.batch import Workspace, new_workspace, stop
 
-RUN_GRACE = 1.0  # seconds that a run has to end when it is stopped: a compiler at work does not
-POLL = 0.1  # seconds between two looks at the flag
+RUN_GRACE = 1.0  # time to wait for a run to end when it is stopped [s]: a compiler at work does not end
+POLL = 0.1  # time between two looks at the flag [s]
 
 T = TypeVar("T")
 
 
 class StopFlag(threading.Event):
-    """Set when work is to stop: what runs on its spaces ends too. `signal` is the number of the signal that asked, or 0."""
+    """An event that is set when work is to stop; runs on its scratch arrays then end, too."""
 
-    signal = 0
-    given_up = ""  # what was waited for in vain
+    signal = 0  # number of the signal that has set the flag, or 0
+    given_up = ""  # in words, why a sweep that waited in vain has set the flag; "" else
 
     def __init__(self) -> None:
         super().__init__()
         self._spaces: dict[int, Workspace] = {}
 
     def set(self) -> None:
-        """Have all work stop."""
+        """Set the flag, and stop all runs on its scratch arrays."""
         super().set()
         for space in list(self._spaces.values()):
             stop(space)
 
     @contextmanager
     def space(self) -> Iterator[Workspace]:
-        """Scratch arrays for the runs of one thread."""
+        """Yield scratch arrays for the runs of one thread; if the flag is set, these runs end at once."""
         space = new_workspace()
         self._spaces[id(space)] = space
         if self.is_set():
@@ -49,9 +49,9 @@ class StopFlag(threading.Event):
 
 @contextmanager
 def stop_on_signals() -> Iterator[StopFlag]:
-    """A flag that SIGINT and SIGTERM set while the context lasts; a second one raises `Stopped` at once.
+    """Yield a flag that SIGINT and SIGTERM set while the context lasts; a second signal raises `Stopped` at once.
 
-    In a thread other than the main one, which cannot have signals, the flag is never set by itself. A signal that is
+    In a thread other than the main one, which receives no signals, nothing sets the flag by itself. A signal that is
     ignored stays ignored.
     """
     flag = StopFlag()
@@ -77,22 +77,25 @@ def stop_on_signals() -> Iterator[StopFlag]:
 
 
 def stoppable(call: Callable[[Workspace], T], seconds: float | None = None, kept: str = "") -> T:
-    """What `call` returns, with scratch arrays whose runs a signal stops, or the end of its time.
+    """Return the result of `call`, whose runs are stopped by a signal, or at the end of its time.
 
     Parameters
     ----------
     call : callable
-        Runs the kernel on the arrays that it is given. Made in another thread, for which Python does not wait at its end, so
-        that this one can see signals; in a thread that has none, and has no bound on its time, it is made right here.
+        Function that runs the kernel on the scratch arrays it receives. It is called in another thread, so that this
+        one sees signals; Python does not wait for that thread at its end. In a thread that receives no signals it is
+        called right here, unless its time is bounded.
     seconds : float, optional
-        Bound on its time [s].
+        Bound on the time of the call [s].
     kept : str
-        What is kept if it is stopped, in words.
+        Results that are saved already if it is stopped, in words; "" if there are none.
 
     Raises
     ------
     KeyboardInterrupt
-        On Ctrl-C, and `Stopped`, which is one, on SIGTERM; or on both, if something is kept.
+        On Ctrl-C if `kept` is empty.
+    Stopped
+        On SIGTERM, and on Ctrl-C if `kept` is not empty; it is a KeyboardInterrupt, too.
     """
     future: Future[T] = Future()
     ends = inf if seconds is None else monotonic() + seconds
@@ -117,5 +120,5 @@ def stoppable(call: Callable[[Workspace], T], seconds: float | None = None, kept
         with suppress(TimeoutError):
             future.exception(RUN_GRACE)
         if flag.signal == signal.SIGINT and not kept:
-            raise KeyboardInterrupt  # a script that does not catch it ends by the signal
+            raise KeyboardInterrupt  # a script that does not catch it ends as by the signal
         raise Stopped(kept, flag.signal)

@@ -1,4 +1,4 @@
-"""Say every minute what a sweep waits for, while nothing comes back or workers are missing, and give up when asked to."""
+"""Tell the user every minute what a sweep waits for, if results or workers are missing, and give up in time."""
 
 import re
 import sys
@@ -11,24 +11,34 @@ from typing import Any
 from dimersweep.work.progress import clock
 from dimersweep.work.stopping import StopFlag
 
-SILENT_SECONDS = 60.0  # between two lines
+SILENT_SECONDS = 60.0  # time between two lines [s]
+# hints for the user: the memory of a worker, and the way to keep a cluster at its size
 MEMORY = "a worker takes 270 MB with the kernel loaded, and 1.0 GB beside it while that is compiled"
 HEAL = "cluster.adapt(minimum_jobs=n, maximum_jobs=n) replaces workers that leave, cluster.scale does not"
 
 
 class Patience:
-    """Look whether results come and all workers of a `Pool` are there, and say so once a minute if not, if that is to be shown.
+    """Watch over a sweep: a line once a minute while results or workers are missing, and an end after a long wait.
 
-    Where nothing has come back for `seconds` [s], `stop` is set.
+    Parameters
+    ----------
+    pool : Pool
+        Workers that are watched.
+    stop : StopFlag
+        Flag that is set if no result comes for `seconds`.
+    seconds : float or None
+        Longest time without a result [s]; None for no bound.
+    show : bool
+        Print the lines.
     """
 
     def __init__(self, pool: Any, stop: StopFlag, seconds: float | None, *, show: bool) -> None:
         self.pool, self.stop, self.seconds, self.show = pool, stop, inf if seconds is None else seconds, show
-        # when there was a line, a result, and all workers, for the last time
+        # times of the last line, of the last result, and of the last look at which all workers were there [s]
         self.told = self.came = self.well = monotonic()
 
     def look(self, *, came: bool) -> None:
-        """Note whether a result has come, and say or do what it is time for."""
+        """Note whether a result has come since the last look; print a line or set the flag if it is time."""
         now = monotonic()
         self.came = now if came else self.came
         self.well = self.well if self.pool.lacks() else now
@@ -43,15 +53,22 @@ class Patience:
 
 
 def lacks(client: Any, there: Mapping[str, int]) -> bool:
-    """Return whether a client has none of its workers, or fewer than its cluster asks for."""
+    """Return True if a client has no workers, or fewer than its cluster asks for."""
     return len(there) < max(1, len(getattr(client.cluster, "plan", ())))
 
 
 def words_for(client: Any, there: Mapping[str, int], told_to_leave: Sequence[bool], unready: int) -> str:
-    """Return who works for a client, and if workers are missing what is asked for, and where to look.
+    """Return a line on the workers of a client; if some are missing, also on the jobs of the cluster and their logs.
 
-    `there` has the threads of each worker, `told_to_leave` whether each that has left was told to; and `unready` of those that
-    are there have not compiled or loaded the kernel yet.
+    Parameters
+    ----------
+    client : distributed.Client
+    there : mapping
+        Threads of each worker that is there.
+    told_to_leave : sequence of bool
+        True for each worker that has left because it was told to, False if it died.
+    unready : int
+        Number of workers that have not compiled or loaded the kernel yet.
     """
     words = f"{len(there)} workers with {sum(there.values())} threads" if there else "no worker"
     words += f"; {unready} have yet to compile or load the kernel" if unready else ""

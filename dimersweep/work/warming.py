@@ -1,4 +1,7 @@
-"""The kernel compiled by a process of its own, once for all that share a cache: that keeps Python's lock, and takes 1 GB."""
+"""Compile the kernel in a process of its own, once for all processes that share a cache.
+
+Compiling holds Python's lock, and takes 1 GB.
+"""
 
 import subprocess
 import sys
@@ -12,12 +15,13 @@ from dimersweep.work.progress import report_compiling
 from dimersweep.work.proving import is_proven, prove
 from dimersweep.work.waiting import MEMORY
 
-WARM = "warm"  # what is kept beside the code when all of it is there
+WARM = "warm"  # name of the mark in the cache that the code of the whole kernel is there
+# program of the process that compiles
 COMPILE = "from dimersweep.work.proving import prove; prove(); import dimersweep; dimersweep.simulate(periods=1)"
 
 
 def get_ready(*, progress: bool = True) -> None:
-    """Compile the kernel, where that is still to be done, load it and prove it; say that it is compiled, if that is wanted."""
+    """Compile the kernel if its code is not there, load it and prove it; with `progress`, report the compiling."""
     if is_proven():
         return
     if progress:
@@ -35,11 +39,14 @@ def _is_warm() -> bool:
 
 
 def _warm() -> None:
-    """Have the kernel compiled and kept, while this process stays free for others; wait for one that does it already."""
+    """Have another process compile the kernel into the cache, or wait for a process that does so already.
+
+    Meanwhile Python's lock of this process is free for its other threads.
+    """
     for folder in cache.base_folders():
-        with suppress(
-            OSError
-        ):  # of a folder, or a lock, of somebody else's, or of a machine without room for a process
+        # an OSError comes from a folder or a lock of another user, or a machine without memory for a process: then the
+        # next folder is tried, and at last this process compiles
+        with suppress(OSError):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             while not _is_warm():
                 try:
@@ -56,9 +63,9 @@ def _compile() -> None:
     done = subprocess.run([sys.executable, "-c", COMPILE], capture_output=True, text=True, check=False)
     if done.returncode < 0:
         raise KernelError(f"kernel: the process that compiles it was ended by signal {-done.returncode}; {MEMORY}")
-    ways.take(ways.first_way())  # which that process may have found to fail
+    ways.take(ways.first_way())  # the other process may have noted that the fast way fails
     if done.returncode == 0:
         cache.save(versions.code_version(ways.way()), WARM, b"")
-    else:  # this process will find the same, or do without
+    else:  # this process meets the same error and raises it, or compiles without the cache
         why = one_line(done.stderr.strip().rpartition("\n")[2])
         print(f"kernel: compiled in this process, after {why}", file=sys.stderr)
