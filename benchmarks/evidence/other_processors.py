@@ -176,6 +176,7 @@ def leg(file: Path, points: int) -> None:
     from dimersweep.runs import solving
     from tests.sweeper import GRID, SETTINGS
 
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell takes from what it runs in the background
     run_many, done = solving.run_many, 0
 
     def counting(rows: np.ndarray, *rest: object, **how: object) -> int:
@@ -183,7 +184,7 @@ def leg(file: Path, points: int) -> None:
         made = run_many(rows, *rest, **how)
         time.sleep(0.02 * made)  # so that tasks are short
         done += made
-        if points and done >= points:
+        if done - made < points <= done:
             os.kill(os.getpid(), signal.SIGINT)
         return made
 
@@ -191,8 +192,8 @@ def leg(file: Path, points: int) -> None:
     print(f"  {machine()}: ", end="", flush=True)
     try:
         cube = sweep(GRID, **SETTINGS, out=file, workers=1, progress=False)
-    except KeyboardInterrupt:
-        print(f"stopped after {done} points", flush=True)
+    except KeyboardInterrupt as stop:
+        print(f"stopped, {str(stop).partition(' in ')[0]}", flush=True)
         return
     values = b"".join(str(name).encode() + cube[name].values.tobytes() for name in sorted(cube.variables))
     print(f"{done} points, and the cube is there: {hashlib.sha256(values).hexdigest()[:16]}", flush=True)
