@@ -22,11 +22,11 @@ COMMANDS = {
     "waveform": "commands.measuring:waveform",
 }
 # examples that the help of each command shows, by its name
-EXAMPLES = "commands:EXAMPLES"
+COMMAND_EXAMPLES = "commands:ANALYSIS_EXAMPLES"
 # kind of picture of a cube: the function that draws it
-PICTURES = {"circles": "circles:circles", "attractors": "attractors.pictures:attractors"}
+CUBE_PICTURES = {"circles": "circles:circles", "attractors": "attractors.pictures:attractors"}
 # variable by which a table is known: the function that draws the table; the last function draws all other tables
-TABLE_PICTURES = {"attractor": PICTURES["attractors"], "": "orbits.borders.pictures:draw_borders"}
+TABLE_PICTURES = {"attractor": CUBE_PICTURES["attractors"], "": "orbits.borders.pictures:draw_borders"}
 # switch of `sweep`: the observer that it adds
 OBSERVERS = {"sustained": "observers:Sustained"}
 # variable by which a table is known: its map in the explorer

@@ -109,8 +109,8 @@ def test_the_command_line_has_the_commands_of_the_engine_alone(engine, tmp_path)
 
 
 def test_what_the_analysis_adds_is_there():
-    places = {**extensions.COMMANDS, **extensions.PICTURES, **extensions.TABLE_PICTURES, **extensions.MAPS}
+    places = {**extensions.COMMANDS, **extensions.CUBE_PICTURES, **extensions.TABLE_PICTURES, **extensions.MAPS}
     for name, place in (places | extensions.OBSERVERS).items():
         assert callable(extensions.load(place, name)), place
-    assert {*extensions.load(extensions.EXAMPLES, "commands")} == {*extensions.COMMANDS}
+    assert {*extensions.load(extensions.COMMAND_EXAMPLES, "commands")} == {*extensions.COMMANDS}
     assert "circles" in PICTURE_KINDS

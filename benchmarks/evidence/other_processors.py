@@ -170,11 +170,14 @@ def compare(one: Lines, other: Lines) -> Iterator[str]:
         yield f"{kind}s: {same[0]} of {len(names)} the same bits, {same[1]} the same codes, {same[2]} the same scenes"
 
 
+# sweep that several machines make in turn
+RELAY = {"Gamma": [0.5, 0.9, 1.2], "beta0": {"start": 0.2, "stop": 80, "num": 110, "unit": "deg"}}
+
+
 def leg(file: Path, points: int) -> None:
     """Make a sweep, or go on with it, and stop it as Ctrl-C does when so many points more are there; 0: to its end."""
     from dimersweep import sweep
     from dimersweep.runs import solving
-    from tests.sweeper import GRID, SETTINGS
 
     signal.signal(signal.SIGINT, signal.default_int_handler)  # which a shell takes from what it runs in the background
     run_many, done = solving.run_many, 0
@@ -191,7 +194,7 @@ def leg(file: Path, points: int) -> None:
     solving.run_many = counting
     print(f"  {machine()}: ", end="", flush=True)
     try:
-        cube = sweep(GRID, **SETTINGS, out=file, workers=1, progress=False)
+        cube = sweep(RELAY, {"mu": 0.15}, periods=50, out=file, workers=1, progress=False)
     except KeyboardInterrupt as stop:
         print(f"stopped, {str(stop).partition(' in ')[0]}", flush=True)
         return

@@ -16,8 +16,7 @@ from dimersweep.cli.motion import lyapunov, power
 from dimersweep.cli.simulating import simulate
 from dimersweep.cli.sweeping import merge, plan, presets, run, status, warm
 from dimersweep.errors import UserError, unknown
-from dimersweep.extensions import COMMANDS, is_installed, load
-from dimersweep.extensions import EXAMPLES as MORE_EXAMPLES
+from dimersweep.extensions import COMMAND_EXAMPLES, COMMANDS, is_installed, load
 
 INTERRUPTED = 130  # exit code that shells expect after Ctrl-C: 128 + SIGINT (2)
 
@@ -69,7 +68,7 @@ def _all_commands() -> dict[Callable[..., None], tuple[str, ...]]:
     """Return each command with its examples: those of the engine, and those of the analysis where it is installed."""
     if not is_installed():
         return EXAMPLES
-    examples = load(MORE_EXAMPLES, "commands")
+    examples = load(COMMAND_EXAMPLES, "commands")
     return EXAMPLES | {load(place, name): examples[name] for name, place in COMMANDS.items()}
 
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from dimersweep.cubes.findings import drift_intervals, drift_lengths
 from dimersweep.errors import ParameterError
-from dimersweep.extensions import PICTURES, load
+from dimersweep.extensions import CUBE_PICTURES, load
 from dimersweep.plots.checking import check_cube
 from dimersweep.plots.maps import mode_map, quantity_map
 from dimersweep.plots.modes import bifurcation, regions, segments
@@ -74,9 +74,9 @@ FIGURES = {
 
 
 def __getattr__(name: str) -> Any:
-    if name not in PICTURES:
+    if name not in CUBE_PICTURES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return load(PICTURES[name], name)
+    return load(CUBE_PICTURES[name], name)
 
 
 def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = None, **look: Unpack[Look]) -> Figure:
@@ -101,5 +101,5 @@ def draw(cube: xr.Dataset, kind: str | None = None, *, quantity: str | None = No
         return quantity_map(cube, quantity, **look)
     kind = kind or cube.attrs.get("plot", "mode_map")
     check_cube(kind, cube)
-    drawn = FIGURES[kind] if kind in FIGURES else load(PICTURES[kind], kind)
+    drawn = FIGURES[kind] if kind in FIGURES else load(CUBE_PICTURES[kind], kind)
     return drawn(cube, **look)

@@ -1,6 +1,6 @@
 """Commands of the analysis, and the examples that their help shows."""
 
-EXAMPLES: dict[str, tuple[str, ...]] = {
+ANALYSIS_EXAMPLES: dict[str, tuple[str, ...]] = {
     "borders": ("borders atlas", "borders my.toml --plan"),
     "orbits": (
         "orbits --e 0.65 --f 22 --A_r 5 --mu 0.1 --mu_s 0.15",

@@ -419,5 +419,8 @@ def _refined(s: np.ndarray, place: np.ndarray, rate: float, moving: bool) -> tup
         return _slopes(s, p[0], p[1:].view(complex))
 
     start = np.concatenate([[rate], _solved(_basis(s, rate, moving), place)[0].view(float)])
-    p = leastsq(residual, start, Dfun=slopes, xtol=1e-14, ftol=1e-14, gtol=1e-14, diag=np.ones(start.size))[0]
+    # all that it returns, not the place alone: else it warns where round-off keeps it from its tolerances
+    p, *_ = leastsq(
+        residual, start, Dfun=slopes, xtol=1e-14, ftol=1e-14, gtol=1e-14, diag=np.ones(start.size), full_output=True
+    )
     return float(p[0]), p[1:].copy().view(complex)

@@ -22,7 +22,7 @@ from dimersweep.inputs import as_numbers, check_rtol
 from dimersweep.parameters import check_effect, check_name, spelt_out
 from dimersweep.symbols import PARAMETERS
 
-CURVES: dict[type[Kind], type[Curve]] = {
+CURVE_OF_KIND: dict[type[Kind], type[Curve]] = {
     Bifurcation: BifurcationCurve,
     Pitchfork: PitchforkCurve,
     Change: SequenceCurve,
@@ -54,5 +54,5 @@ def asked(
             checked(fixed | {name: float(value)})
     given = checked(fixed | {name: float(values[0]) for name, values in axes.items()})
     border = BORDER_KINDS[kind]
-    curve = next(curve for kinds, curve in CURVES.items() if isinstance(border, kinds))
+    curve = next(curve for kinds, curve in CURVE_OF_KIND.items() if isinstance(border, kinds))
     return curve(border, parameter, given, checked_spin(spin, given), check_rtol(rtol), over=axes)

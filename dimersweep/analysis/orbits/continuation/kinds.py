@@ -27,7 +27,7 @@ HOP_ASIDE = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Kind:
-    """A kind of border; `curves.CURVES` has the curve of each class of kinds."""
+    """A kind of border; `curves.CURVE_OF_KIND` has the curve of each class of kinds."""
 
     name: str  # name that `orbits.border` takes
     meaning: str  # event of the orbit at the border, in words

@@ -49,7 +49,7 @@ JOINED = 0.1
 MARGIN = 0.03  # least distance of a section from the next event, in forcing periods: nearer, another section is better
 # rtol of less accurate runs. They serve for central differences, where the errors of neighbours nearly cancel, and on
 # the way to an orbit from far away
-LOOSE = 1e-10
+LOOSE_RTOL = 1e-10
 # length of a smooth phase, in forcing periods, from which on fewer free coordinates make a better section than more
 # length
 LONG = 0.1
@@ -258,9 +258,9 @@ class ReturnMap:
 
     @property
     def loosely(self) -> "ReturnMap":
-        """Map by less accurate runs (`LOOSE`), with the same steps of differences."""
+        """Map by less accurate runs (`LOOSE_RTOL`), with the same steps of differences."""
         loose = copy(self)
-        loose.ask = ask_for(self.periods, max(self.rtol, LOOSE))
+        loose.ask = ask_for(self.periods, max(self.rtol, LOOSE_RTOL))
         return loose
 
     def row_at(self, phase: float) -> np.ndarray:
@@ -310,7 +310,7 @@ class ReturnMap:
         the work.
         """
         if roughly:
-            step = max(self.rtol, LOOSE) ** 0.5
+            step = max(self.rtol, LOOSE_RTOL) ** 0.5
             here, *beside = self.loosely.images(np.array([z, *(z + step * np.eye(z.size))]))
             rows = (np.array(beside) - here).T / step
         else:
