@@ -8,13 +8,12 @@ in all sections, to second order in the change (the zero-derivative principle of
 doi 10.1137/040608295).
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from dimersweep.analysis.orbits.map.newton import TOLERANCE, Fixed, newton, solve, system
-from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap, singular_lost
+from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, singular_lost
 
 # least distance of the multipliers of the fast part from 1: nearer, the fast part is as slow as the spin, and a slow
 # manifold means nothing
@@ -139,7 +138,7 @@ def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
     """
     m = fixed.map
 
-    def value(begin: np.ndarray, m: ReturnMap = m) -> tuple[np.ndarray, list[Image]]:
+    def value(begin: np.ndarray) -> tuple[np.ndarray, list[Image]]:
         images = m.chain(begin, 3)
         a, b, c = (image.point for image in images)
         r = c - 3 * b + 3 * a - begin
@@ -151,10 +150,9 @@ def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
         A[m.slow] = gradient @ matrix
         return A
 
-    begin = 2 * z - m.loosely.image(z).point  # one period before `z`, at an even pace: `z` is the second of the points
+    begin = 2 * z - m.image(z).point  # one period before `z`, at an even pace: `z` is the second of the points
     target, known = WEIGHTS * TOLERANCE * m.rtol, derivative(fixed.matrix, fixed.gradient)
-    loosely = partial(value, m=m.loosely)
-    root = newton(value, begin, lambda z: derivative(*m.jacobian(z, roughly=True)), target, known, loosely=loosely)
+    root = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, known)
     before, here, after = root.extra
     turn, next_turn = (
         one.theta - one.passage.read.turned + two.passage.read.turned for one, two in ((before, here), (here, after))

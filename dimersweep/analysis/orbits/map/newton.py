@@ -1,7 +1,6 @@
 """Newton's method, and the fixed points of the return map that it finds at a given spin."""
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +11,6 @@ TOLERANCE = 10.0  # largest residual of an orbit, over the rtol of the map, by w
 # most steps of Newton's method; ratio of a residual to the one before above which the derivative is computed anew
 NEWTON_STEPS, QUICK_FALL = 25, 0.2
 STEP_HALVINGS = 6  # lengths that are tried for a step: all of it, its half, its quarter ...
-FAR = 1e-4  # residual above which less accurate runs serve, see `ReturnMap.loosely`
 # largest residual, over the target, that is accepted where no step comes nearer: there rounding bounds the accuracy
 NEAR_ENOUGH = 1e3
 
@@ -74,7 +72,6 @@ def newton(
     target: float,
     known: np.ndarray | None = None,
     most: int = NEWTON_STEPS,
-    loosely: Callable[[np.ndarray], tuple[np.ndarray, Any]] | None = None,
 ) -> Root:
     """Find a zero of `f` near `y`, or raise OrbitLost if the steps do not converge to one.
 
@@ -94,15 +91,8 @@ def newton(
         Derivative nearby.
     most : int
         Number of derivatives that may be computed anew.
-    loosely : callable, optional
-        `f` from less accurate runs; it serves where the value is larger than `FAR`.
     """
-
-    def far(y: np.ndarray) -> tuple[np.ndarray, Any]:
-        seen = (loosely or f)(y)
-        return seen if loosely is None or np.abs(seen[0]).max() > FAR else f(y)
-
-    r, extra = far(y) if known is None else f(y)
+    r, extra = f(y)
     A, fresh, size = known, False, np.abs(r).max()
     for _ in range(NEWTON_STEPS):
         if size <= target:
@@ -114,8 +104,7 @@ def newton(
             A, fresh = derivative(y), True
         assert A is not None
         try:
-            see, step = far if size > FAR else f, -np.linalg.solve(A, r)
-            y_next, r_next, extra_next = _nearer(see, y, step, size, STEP_HALVINGS if derivative else 1)
+            y_next, r_next, extra_next = _nearer(f, y, -np.linalg.solve(A, r), size, STEP_HALVINGS if derivative else 1)
         except (np.linalg.LinAlgError, OrbitLost) as error:
             if size <= NEAR_ENOUGH * target:
                 return Root(y, extra, r, A)  # the rounding of the map allows no better
@@ -171,13 +160,10 @@ def solve(m: ReturnMap, z: np.ndarray, spin: float | None, known: np.ndarray | N
         Derivative of `defect` nearby, with which the steps begin.
     """
 
-    def value(z: np.ndarray, m: ReturnMap = m) -> tuple[np.ndarray, Image]:
+    def value(z: np.ndarray) -> tuple[np.ndarray, Image]:
         image = m.image(z)
         return defect(m, z, image, spin), image
 
-    def derivative(z: np.ndarray) -> np.ndarray:
-        return system(m, *m.jacobian(z, roughly=True), free)
-
     free = spin is None
-    root = newton(value, z, derivative, target(m, free), known, loosely=partial(value, m=m.loosely))
+    root = newton(value, z, lambda z: system(m, *m.jacobian(z), free), target(m, free), known)
     return fixed_at(m, root.y, root.extra, float(np.abs(root.value).max()))

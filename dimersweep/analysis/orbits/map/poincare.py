@@ -47,9 +47,6 @@ from dimersweep.runs.solving import MAX_ROWS, RECORD_GROWTH, RECORD_ROWS
 # orbit
 JOINED = 0.1
 MARGIN = 0.03  # least distance of a section from the next event, in forcing periods: nearer, another section is better
-# rtol of less accurate runs. They serve for central differences, where the errors of neighbours nearly cancel, and on
-# the way to an orbit from far away
-LOOSE_RTOL = 1e-10
 # length of a smooth phase, in forcing periods, from which on fewer free coordinates make a better section than more
 # length
 LONG = 0.1
@@ -256,13 +253,6 @@ class ReturnMap:
         moved._take_row(row)
         return moved
 
-    @property
-    def loosely(self) -> "ReturnMap":
-        """Map by less accurate runs (`LOOSE_RTOL`), with the same steps of differences."""
-        loose = copy(self)
-        loose.ask = ask_for(self.periods, max(self.rtol, LOOSE_RTOL))
-        return loose
-
     def row_at(self, phase: float) -> np.ndarray:
         """Return the row of parameters for the kernel, with the plate at `phase` [rad] at the start."""
         return started_at(self.plain_row, phase)
@@ -303,18 +293,9 @@ class ReturnMap:
         found, reading = self.recorder.images(self, points, False)
         return np.column_stack([found, reading.rows[:, R_SPIN] / self.unit])
 
-    def jacobian(self, z: np.ndarray, roughly: bool = False) -> tuple[np.ndarray, np.ndarray]:
-        """Return the derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), at a point.
-
-        They are central differences or, if they are wanted `roughly`, as for steps of Newton's method, one-sided: half
-        the work.
-        """
-        if roughly:
-            step = max(self.rtol, LOOSE_RTOL) ** 0.5
-            here, *beside = self.loosely.images(np.array([z, *(z + step * np.eye(z.size))]))
-            rows = (np.array(beside) - here).T / step
-        else:
-            rows = self.differences(z)
+    def jacobian(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of the image, shape (n, n), and of the spin (in its unit), shape (n,), at a point."""
+        rows = self.differences(z)
         return rows[:-1], rows[-1]
 
     def differences(
@@ -341,7 +322,7 @@ class ReturnMap:
         back = z - steps if senses is None else [z]
         points = np.concatenate([z + steps, back])
         if mark is None:
-            seen = (self.loosely if senses is None else self).images(points)
+            seen = self.images(points)
         else:
             along = [self.image(point) for point in points]
             seen = np.array([[*image.point, image.spin / self.unit, mark(self, image)] for image in along])
