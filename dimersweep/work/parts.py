@@ -39,8 +39,8 @@ class SweepPart(NamedTuple):
         """Return the tiles of this part in a grid of `size` points, in order, each of whole lines of `line` points.
 
         The tiles of the grid are dealt to the parts in rounds, and the order of the parts moves on by one from round to
-        round. If it did not, and a row of the grid had a multiple of the parts as tiles, each part would have some
-        columns of the grid, which may be quick or slow.
+        round. Otherwise, if the tiles of a row of the grid were a multiple of the parts, each part would have only some
+        columns, which may be quick or slow.
         """
         length = line * ceil(size / line / (TILES * self.total))
         rounds = range(ceil(size / (length * self.total)))

@@ -78,7 +78,7 @@ def tile_seconds(workers: int) -> float:
 
 
 class Pace:
-    """The number of points of the next task, from the time that the last points took; 1 at first.
+    """The length of tasks in points: 1 at first, then by the time that the last points took.
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""What is done to Numba, and where compiled code is kept."""
+"""The compiler of the kernel: two ways to compile with Numba, fused sums, and the cache of compiled code."""

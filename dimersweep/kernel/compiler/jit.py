@@ -117,7 +117,7 @@ def _as_plain(context: Any, builder: Any, nested: Any, array: Any, value: Any) -
 
 @lower_builtin("__array__", types.Array)
 def _as_it_is(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-    """Take an array for an array as it is: without this, Numba looks through all its conversions at each access."""
+    """Convert an array to an array by doing nothing: else Numba looks through all its conversions at each access."""
     return given[0]
 
 
@@ -128,7 +128,7 @@ def _plain_type(kind: Any) -> Any:
 
 
 def _without_literals(function: Any) -> Any:
-    """Make calls of a function the same for constants and numbers, and for arrays within records and others.
+    """Make a function take constants in calls for plain numbers, and arrays within records for plain arrays.
 
     Otherwise each constant, and each such array, compiles the function once more. The type of each call is looked up
     once.

@@ -225,7 +225,10 @@ class Pitchfork(Kind):
         return growth_in_plane(point.fixed)[1]
 
     def mark(self, m: ReturnMap, image: Image) -> float:
-        """Return the growth of a small spin beside the motion of an image, in the size of the other equations."""
+        """Return the growth of a small spin beside the motion of an image.
+
+        It is scaled up, so that it counts as much in Newton's method as the other equations.
+        """
         return growth_in_plane(fixed_at(m, image.point))[0] / m.one_sided
 
 

@@ -174,10 +174,10 @@ def zero(at: Between[Q], test: Callable[[Q], float], known: float, leap: float =
 
 
 def halved(read: Callable[[float], Any], low: float, high: float, within: float) -> tuple[float, float]:
-    """Halve an interval down to `within`, such that what is read changes from its first end to its second.
+    """Halve the interval from `low` to `high` down to a width of `within`, and return its ends around a change.
 
-    At the first end returned, ``read`` gives what it gives at `low`; at the second it gives something else, as at
-    `high`. The interval stays wider where ``read`` raises an OrbitError, or where no number lies between the ends.
+    `read` returns the same at the first end as at `low`, and something else at the second. The interval stays wider
+    where `read` raises an OrbitError, or where no number lies between the ends.
     """
     first = read(low)
     while abs(high - low) > within:

@@ -122,10 +122,9 @@ def newton(
 def _nearer(
     f: Callable[[np.ndarray], tuple[np.ndarray, Any]], y: np.ndarray, step: np.ndarray, size: float, tries: int
 ) -> tuple[np.ndarray, np.ndarray, Any]:
-    """Return the point after the first of a step, its half, its quarter ... that makes the value smaller than `size`.
+    """Shorten a step by halves until its end has a smaller value than `size`; return the end, its value and object.
 
-    Returned with the point are the value and the object of `f` there. OrbitLost is raised if none of `tries` lengths
-    does.
+    Raise OrbitLost if none of `tries` lengths comes nearer.
     """
     lost = OrbitLost("Newton's method finds no step that comes nearer")
     for _ in range(tries):

@@ -3,11 +3,15 @@
 The axial spin of an orbit is the spin after the last impact of the bouncer in a period, as in `Run.orbit`. In the drift
 this impact is the end of the double impact. The bouncer is the end that is in contact for the shorter time.
 
-The symbol sequence, sequence for short, lists the contact states of a period in their order. It begins with the double
-impact. A symbol is a state of sustained contact with its end (``SC_sk.1``), an impact with all its contact states
-(``DI_sp_sp>DI_sp_sk``), ``bounces.1`` for an impact of one end, ``chatter.1`` for hops that die out, or ``FM`` for a
-lift-off. Last stands ``far.2`` for an end that is in the air for more than half a forcing period, from which on a ball
-counts as flying.
+The symbol sequence, sequence for short, lists the contact states of a period in their order, from the double impact on.
+Its symbols are:
+
+* ``SC_sk.1``: a state of sustained contact, with its end;
+* ``DI_sp_sp>DI_sp_sk``: an impact, with all its contact states;
+* ``bounces.1``: an impact of one end, with the number of such impacts in a row;
+* ``chatter.1``: hops that die out;
+* ``FM``: a lift-off;
+* ``far.2``: last, an end in the air for more than half a forcing period, from which on a ball counts as flying.
 """
 
 from collections import Counter
