@@ -261,6 +261,7 @@ def answers(ask: Callable[..., dict[str, Any]], *given: Any, **more: Any) -> dic
 
 @contextmanager
 def _connection() -> Iterator[None]:
+    """Raise a UserError for an error in the context, which shows that the connection to the cluster is broken."""
     try:
         yield
     except Exception as error:  # the errors after a broken connection have no common class in distributed

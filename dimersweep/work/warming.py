@@ -35,6 +35,7 @@ def get_ready(*, progress: bool = True) -> None:
 
 
 def _is_warm() -> bool:
+    """Return True if the code of the whole kernel is in the cache, or none is needed."""
     return ways.way() == ways.PYTHON or cache.load(versions.code_version(ways.way()), WARM) is not None
 
 
@@ -60,6 +61,7 @@ def _warm() -> None:
 
 
 def _compile() -> None:
+    """Run the process that compiles, and put a mark into the cache if it succeeds."""
     done = subprocess.run([sys.executable, "-c", COMPILE], capture_output=True, text=True, check=False)
     if done.returncode < 0:
         raise KernelError(f"kernel: the process that compiles it was ended by signal {-done.returncode}; {MEMORY}")

@@ -122,6 +122,7 @@ def _as_it_is(context: Any, builder: Any, signature: Any, given: Any) -> Any:
 
 
 def _plain_type(kind: Any) -> Any:
+    """Return the plain type of an argument: a number's for a constant, an array's for an array within a record."""
     if isinstance(kind, types.NestedArray):
         return types.Array(kind.dtype, kind.ndim, "C")
     return types.unliteral(kind)

@@ -23,7 +23,7 @@ def way() -> str:
 
 
 def take(chosen: str) -> str:
-    """Compile a way from now on, and return it."""
+    """Set the way of compiling from now on, and return it."""
     _taken[:] = [chosen]
     return chosen
 

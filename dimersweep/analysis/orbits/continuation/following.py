@@ -212,6 +212,7 @@ def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:
 
 
 def _row(point: Point, special: Special | None = None) -> BranchRow:
+    """Return the row of a point of the branch, with its kind and jump if it is a special point."""
     orbit = orbit_of(point.fixed, slow_motion_of(point.fixed))
     if special is None:
         return BranchRow(orbit, point.value)

@@ -186,6 +186,7 @@ def last_with(holds: Callable[[str], bool], low: float, left: Point, b: Point) -
 
 
 def _change(at: Point, share: float, jump: float, sequences: tuple[str, str], beyond: Point) -> Special:
+    """Return the change of sequence at a point, with the kind that leads from one sequence to the other."""
     return Special(change_of(*sequences), at, share, jump, sequences, beyond)
 
 

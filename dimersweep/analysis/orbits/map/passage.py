@@ -57,6 +57,7 @@ def spelt(codes: bytes, far: tuple[bool, bool], whole: bool = False) -> str:
 
 
 def _name(code: int) -> str:
+    """Return the name of a contact state, with the number of the end if only one end is in contact."""
     ends = digits_of(code)
     name = CONTACT_STATES[code]
     return name if 0 not in ends or not any(ends) else f"{name}.{1 if ends[0] else 2}"
