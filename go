@@ -2,6 +2,7 @@
 # From a fresh machine with Python 3.11 or later to a result in one command:
 #   ./go fig07 [options]   make fig07.nc and fig07.png
 #   ./go test              run the checks and tests that are asked of a change
+#   ./go test engine       run the tests of the engine alone, or of the analysis (./go test analysis)
 #   ./go docs              build the site: build/docs/index.html
 #   ./go release           run all checks and tests: all notebooks, the whole site, every target and both ways to compile
 #   ./go matrix [options]  try versions, ways to compile and places (--small: two minutes)
@@ -122,8 +123,18 @@ fig07)
     ;;
 test)
     set_up ".[dev]"
-    run_checks check_site "not jit and not release and not long_uncompiled" -m "not release"
-    echo "what is asked before a release was left out: ./go release"
+    case "${2:-}" in
+    engine) run_tests -m "not release" --ignore tests/analysis "${@:3}" ;;
+    analysis) run_tests -m "not release" tests/analysis "${@:3}" ;;
+    "")
+        run_checks check_site "not jit and not release and not long_uncompiled" -m "not release"
+        echo "what is asked before a release was left out: ./go release"
+        ;;
+    *)
+        echo "go: error: test $2: must be engine, analysis or nothing" >&2
+        exit 2
+        ;;
+    esac
     ;;
 release)
     set_up ".[dev]"
@@ -139,7 +150,7 @@ matrix)
     python benchmarks/evidence/matrix.py "${@:2}"
     ;;
 *)
-    sed -n '2,8s/^# //p' "$0" >&2
+    sed -n '2,9s/^# //p' "$0" >&2
     exit 2
     ;;
 esac

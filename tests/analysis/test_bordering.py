@@ -22,7 +22,7 @@ from dimersweep.studies import border_files
 from tests.checks.conform import conforms
 from tests.checks.data import DATA
 
-BORDERS = Path(__file__).parents[1] / "sweeps" / "borders"
+BORDERS = Path(__file__).parents[2] / "sweeps" / "borders"
 
 
 @pytest.mark.parametrize("path", sorted(BORDERS.glob("*.toml")), ids=lambda path: path.stem)

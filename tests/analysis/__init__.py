@@ -1,0 +1,1 @@
+"""Tests of the analysis: orbits, borders, attractors, fits."""
