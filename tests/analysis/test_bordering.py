@@ -11,6 +11,7 @@ import xarray as xr
 from matplotlib.colors import to_rgb
 
 from dimersweep import names, orbits
+from dimersweep.analysis.borders import border_files
 from dimersweep.analysis.borders.border_files import kept_part, make_borders, parts_of, plan_borders, read_borders
 from dimersweep.analysis.orbits.borders.pictures import SMOOTH, _smoothed, draw_borders
 from dimersweep.cli import app
@@ -18,7 +19,6 @@ from dimersweep.errors import OrbitError, ParameterError, Stopped, StoreError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.storage.formats.format import as_made
 from dimersweep.storage.store import Store, opened_store
-from dimersweep.studies import border_files
 from tests.checks.conform import conforms
 from tests.checks.data import DATA
 
