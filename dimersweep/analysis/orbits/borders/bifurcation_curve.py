@@ -1,9 +1,10 @@
 """Curves of bifurcations: folds, flips, tori.
 
-At a point of one the orbit closes, and the derivative J of its map has an eigenvector to a multiplier of the kind. At a fold
-J v = v, at a flip J v = -v, at a torus J (v + i w) = exp(i angle) (v + i w) with an unknown angle (Kuznetsov, Elements of
-Applied Bifurcation Theory, doi 10.1007/978-3-031-22007-4, section 10.3). Only the product of J with a vector is needed: a
-difference of two images, whatever the number of coordinates. From one point of a curve to the next the equations change little.
+At a point of such a curve the orbit closes, and the derivative J of its map has an eigenvector to the multiplier of the
+bifurcation. At a fold J v = v, at a flip J v = -v, at a torus J (v + i w) = exp(i angle) (v + i w) with an unknown
+angle (Kuznetsov, Elements of Applied Bifurcation Theory, doi 10.1007/978-3-031-22007-4, section 10.3). Only products of
+J with vectors are needed. Each product is a difference of two images, whatever the number of coordinates. From one
+point of a curve to the next the equations change little: each point begins with the derivative of the last one.
 """
 
 from contextlib import suppress
@@ -23,36 +24,41 @@ from dimersweep.analysis.orbits.map.newton import TOLERANCE, fixed_at, newton, t
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.poincare import TURN, OrbitLost, ReturnMap, first_found, singular_lost
 
-SINGULAR = 3e-8  # residual of an eigenvector that counts as none: what differences know
-BACK = (0.0, 1e-3 * TURN)  # phases of the plate at which the spin is put back [rad], as they are tried
-DOUBLED_FOLD = "flip-doubled_fold"  # where the orbit of twice the period has its fold on the flip itself
-KINK = 1e-2  # distance of all multipliers from the border's beyond which they are those of another map
-# of the differences for the coefficient of a flip, in units of the section: those of the third order are right to about 1e-3
+# largest residual of the equation of an eigenvector that counts as zero: the products with J are differences over a
+# step of rtol^(1/3), which for an rtol of 1e-12 are right to about 1e-8
+SINGULAR = 3e-8
+# phases of the plate at which the spin is put back [rad], in the order of trial: at a fold an end may strike just at 0
+BACK = (0.0, 1e-3 * TURN)
+DOUBLED_FOLD = "flip-doubled_fold"  # meeting at which the fold of the orbit of twice the period ends on the flip
+# distance of the nearest multiplier from that of the border, beyond which the map has a kink between both
+KINK = 1e-2
+# widths of the differences for the coefficient of a flip, in units of the section: with them differences of the third
+# order are right to about 1e-3
 WIDTHS = (3e-3, 1e-3)
-# part in which the coefficients of both widths differ at most; more where a change of sequence lies between
+# greatest relative difference of the coefficients of both widths: more where a change of sequence lies between them
 AGREE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class OnBorder:
-    """A point of a border, and what the next one begins with."""
+    """A point of a border, with the map, the unknowns and the derivative from which the next point is looked for."""
 
-    map: ReturnMap  # of the fast part alone
-    # section point, rows of the eigenvector, what is not known of the multiplier, parameter over its scale
+    map: ReturnMap  # puts the spin back in each forcing period, unless the spin is free
+    # section point, rows of the eigenvector, unknown of the multiplier (the angle at a torus), parameter over its scale
     y: np.ndarray
-    normal: np.ndarray  # the eigenvector's product with it is 1, shape (n,)
-    derivative: np.ndarray | None = None  # of the system by y, where it is still of use
-    residual: float = 0.0  # how far the orbit fails to close, in units of the section
-    matrix: np.ndarray | None = None  # J, shape (n, n)
+    normal: np.ndarray  # its product with the first row of the eigenvector is 1, with the second 0; shape (n,)
+    derivative: np.ndarray | None = None  # of all equations by y; None where it is of no use to the next point
+    residual: float = 0.0  # largest difference between the section point and its image, in units of the section
+    matrix: np.ndarray | None = None  # derivative J of the map, shape (n, n)
 
     @property
     def z(self) -> np.ndarray:
-        """Section point."""
+        """Section point, shape (n,)."""
         return self.y[: self.normal.size]
 
     @cached_property
     def doubling(self) -> float:
-        """Of a flip, its coefficient, see `doubling`; NaN if the map cannot be taken beside the point."""
+        """Coefficient of a flip, see the function `doubling`; NaN if an image beside the point is not found."""
         assert self.matrix is not None
         with suppress(OrbitLost):
             return doubling(self.map, self.z, self.matrix)
@@ -60,25 +66,29 @@ class OnBorder:
 
 
 def rotation(value: complex, rows: int) -> np.ndarray:
-    """What J does to the rows of the eigenvector of a multiplier."""
+    """Return the matrix that turns the rows of an eigenvector (real, imaginary part) as J does, shape (rows, rows)."""
     return np.array([[value.real, -value.imag], [value.imag, value.real]])[:rows, :rows]
 
 
 class BorderEquations:
-    """The equations of a border, near a point of it."""
+    """The equations of a bifurcation: the orbit closes, J multiplies the eigenvector, which is normalised.
+
+    The product of the eigenvector with the vector `normal` is 1.
+    """
 
     def __init__(self, kind: Bifurcation, axis: Axis, m: ReturnMap, normal: np.ndarray) -> None:
         self.kind, self.axis, self.m, self.normal = kind, axis, m, normal
         self.n, self.rows = normal.size, kind.rows
-        self.weight = TOLERANCE * m.rtol / SINGULAR  # so that one target serves all equations
+        # of the equations of the eigenvector: scales their residual so that one target serves all equations
+        self.weight = TOLERANCE * m.rtol / SINGULAR
 
     def parts(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, ReturnMap]:
-        """Section point, rows of the eigenvector, what is not known of the multiplier, and the map."""
+        """Split `u` into section point, rows of the eigenvector, and unknown of the multiplier; add the map there."""
         n, end = self.n, self.n * (1 + self.rows)
         return u[:n], u[n:end].reshape(self.rows, n), u[end:-1], self.axis.map_at(self.m, u[-1])
 
     def value(self, u: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
-        """How far all equations fail to hold, and the map there."""
+        """Return the residuals of all equations at the unknowns `u`, and the map there."""
         z, V, unknown, m = self.parts(u)
         *along, here = m.images(np.array([*(z + m.step * V), *(z - m.step * V), z]))[:, : self.n]
         products = (np.array(along[: self.rows]) - along[self.rows :]) / (2 * m.step)
@@ -87,7 +97,7 @@ class BorderEquations:
         return np.concatenate([here - z, self.weight * turned.ravel(), normal]), m
 
     def derivative(self, u: np.ndarray, around: "Around | None" = None) -> np.ndarray:
-        """Return the derivative of all equations by u; from what is around the point, if it is known."""
+        """Return the derivative of all equations by `u`; the images `around` the section point are reused if given."""
         z, V, unknown, m = self.parts(u)
         here, beside, J = Around.of(m, z) if around is None else around
         n, end, step, one = self.n, self.n * (1 + self.rows), m.step, np.eye(self.rows)
@@ -107,7 +117,10 @@ class BorderEquations:
         return A
 
     def solved(self, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
-        """The point of the border near a guess, from a derivative nearby; lost if Newton's method does not come to one."""
+        """Return the point of the border near the guess `u` by Newton's method, which begins with a derivative nearby.
+
+        Raise OrbitLost if the method does not converge, or goes further than `REACH`.
+        """
 
         def residual(there: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
             if np.abs(there - u)[[*range(self.n), -1]].max() > REACH:
@@ -119,24 +132,24 @@ class BorderEquations:
 
 
 class Around(NamedTuple):
-    """The images of a point and of those a step ahead along each coordinate, shape (n, n), and the derivative J of the map."""
+    """The images of a point and of its neighbours a step ahead along each coordinate, with the derivative J."""
 
-    here: np.ndarray
-    beside: np.ndarray
-    J: np.ndarray
+    here: np.ndarray  # image of the point, shape (n,)
+    beside: np.ndarray  # images of the neighbours, one row each, shape (n, n)
+    J: np.ndarray  # shape (n, n)
 
     @classmethod
     def of(cls, m: ReturnMap, z: np.ndarray) -> "Around":
-        """That of a point; the derivative is to one side, which is enough for steps of Newton's method."""
+        """Compute the images around a point. J is taken to one side, which is enough for steps of Newton's method."""
         here, *beside = m.images(np.array([z, *(z + m.step * np.eye(z.size))]))[:, : z.size]
         return cls(here, np.array(beside), (np.array(beside) - here).T / m.step)
 
 
 @singular_lost()
 def on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, y: np.ndarray) -> OnBorder:
-    """The point of a border near an orbit, given by its section point and the parameter over its scale.
+    """Return the point of a border near an orbit, whose section point and parameter over its scale are in `y`.
 
-    It is lost if Newton's method does not come to one.
+    Raise OrbitLost if Newton's method does not converge to one.
     """
     around = Around.of(axis.map_at(m, y[-1]), y[:-1])
     V, unknown = kind.begin(around.J)
@@ -147,16 +160,18 @@ def on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, y: np.ndarray) -> OnB
 
 @singular_lost()
 def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
-    """The coefficient c of a flip: on its centre manifold the map is x -> -x + c x^3.
+    """Compute the coefficient c of a flip: on its centre manifold the map is x -> -x + c x^3.
 
     With J v = -v, w J = -w, w v = 1 and the derivatives B and C of second and third order of the map it is
 
         c = w C(v, v, v)/6 + w B(v, (1 - J)^-1 B(v, v))/2
 
-    (Kuznetsov, doi 10.1007/978-3-031-22007-4, section 5.4). Where c > 0 a stable orbit of twice the period begins beyond the
-    flip, where c < 0 an unstable one ends there. NaN where contacts change so near that the map has no such derivatives; lost
-    if the map cannot be taken beside the point. Of `m` all fixed points close, as of the map of the fast part alone; `z` is the
-    fixed point at the flip, shape (n,), and `matrix` is J.
+    (Kuznetsov, doi 10.1007/978-3-031-22007-4, section 5.4). Where c > 0 a stable orbit of twice the period begins
+    beyond the flip, where c < 0 an unstable orbit of twice the period ends there.
+
+    All fixed points of `m` must close, as those of the map of the fast part alone do. `z` is the fixed point at the
+    flip, shape (n,), and `matrix` is J there. Return NaN where contacts change so near that the map has no such
+    derivatives. Raise OrbitLost if an image beside the point is not found.
     """
     v, w = (eigenvector(J, -1) for J in (matrix, matrix.T))
     v = v / np.linalg.norm(v)
@@ -166,6 +181,8 @@ def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
 
 
 def _coefficient(m: ReturnMap, z: np.ndarray, matrix: np.ndarray, v: np.ndarray, w: np.ndarray, width: float) -> float:
+    """Compute the coefficient of `doubling` from differences of one width; v and w are eigenvectors of J and J^T."""
+
     def at(*away: np.ndarray) -> np.ndarray:
         return m.images(z + width * np.array(away))[:, : z.size]
 
@@ -180,7 +197,7 @@ def _coefficient(m: ReturnMap, z: np.ndarray, matrix: np.ndarray, v: np.ndarray,
 
 
 class BifurcationCurve(Curve):
-    """A curve along which multipliers of the orbit have the value that its kind asks for: see `Curve`."""
+    """A curve of folds, flips or tori: along it a multiplier of the orbit has the value of that kind. See `Curve`."""
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: OnBorder = near[0].begin
@@ -192,13 +209,13 @@ class BifurcationCurve(Curve):
         raise OrbitLost(f"no {self.kind.name} is found from its neighbour")
 
     def between(self, a: Found, b: Found, part: float) -> Found:
-        """With the unknowns on the line between both, if they are those of one section."""
+        """Return `a`, moved by `part` of the way to the unknowns of `b` if both are in one section."""
         if not a.alike(b) or a.begin.y.size != b.begin.y.size:
             return a
         return a._replace(begin=replace(a.begin, y=a.begin.y + part * (b.begin.y - a.begin.y)))
 
     def _from(self, orbit: PeriodicOrbit) -> Found:
-        """The first point of the border on the branch, to either side; one that ends stability goes before."""
+        """Return the first point of the border on the branch, to either side, preferably an end of stability."""
         ways = self._ways(orbit)
         for way in ways if orbit.stable else ():
             with suppress(OrbitLost):
@@ -207,9 +224,10 @@ class BifurcationCurve(Curve):
         return first_found(partial(lambda way: self.taken_up(self._met(way)), way) for way in ways)
 
     def taken_up(self, special: Special) -> Found:
-        """The point of the border at a special point of a branch.
+        """Return the point of the border at a special point of a branch.
 
-        At a fold the bouncer strikes about where the spin is put back; where it is just there, that is done beside it.
+        At a fold the bouncer strikes at about the phase at which the spin is put back. If both coincide, the next phase
+        of `BACK` is taken. Raise OrbitLost if no phase leads to a point.
         """
 
         def with_back(back: float) -> Found:
@@ -220,7 +238,7 @@ class BifurcationCurve(Curve):
 
     @singular_lost()
     def at(self, at: OnBorder) -> Found:
-        """A point of the border, in a section that suits the next one."""
+        """Return a point of the border in a section that suits the next point; raise OrbitLost at a kink of the map."""
 
         def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
             same_spin = replace(own, spin=self.axis.spin, back=at.map.back)
@@ -236,7 +254,8 @@ class BifurcationCurve(Curve):
         orbit = orbit_of(fixed_at(plain, at.z, image, at.residual))
         if not self.sustained:
             fast = np.linalg.eigvals(matrix).astype(complex)
-            fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]  # without that of the spin, which is put back
+            # the last one is 0: that of the spin, which is put back
+            fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]
             orbit = replace(orbit, multipliers=fast)
         values = self.multipliers(orbit)
         if not values.size or np.abs(self.kind.away(values)).min() > KINK:
@@ -261,5 +280,5 @@ class BifurcationCurve(Curve):
         return super().tests(found) | ({DOUBLED_FOLD: found.begin.doubling} if self.kind.doubles else {})
 
     def is_sure(self, found: Found) -> bool:
-        """Where a stable orbit loses its stability."""
+        """Return True where a stable orbit loses its stability: a search along a branch prefers such a point, too."""
         return found.loses

@@ -19,17 +19,21 @@ from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.inputs import check_switch
 from dimersweep.symbols import PARAMETERS
 
-Index = tuple[int, ...]  # of a point of a grid: its number along each axis
+Index = tuple[int, ...]  # place of a point of a grid: its number along each axis
 
-STRETCHES = 8  # in a line of points: shorter ones are not begun anew
-AGREED = 1e-3  # distance of two points of one border, found in two ways, in the parameter over its scale
-MEETING = 1e-6  # how well a meeting is known, in the step of the curve
-EMPTY = {"U": "", "b": False, "i": 0}  # what a table has where there is no point, by the kind of its numbers; else NaN
+# a missing stretch of a line is begun anew only if it is at least this part, 1/8, of the line: where a line has no
+# border, each beginning is a long search in vain
+STRETCHES = 8
+# greatest distance of two points of one border that were found from a neighbour and by a search, in the parameter over
+# its scale
+AGREED = 1e-3
+MEETING = 1e-6  # accuracy of a meeting, relative to the value of the last axis (absolute below 1)
+EMPTY = {"U": "", "b": False, "i": 0}  # value of a table where there is no point, by the kind of its numbers; else NaN
 FOUND_HOW = "ok, one of several borders of the kind, or why there is no point"
 
 
 def outwards(shape: tuple[int, ...]) -> list[Index]:
-    """Every point of a grid, from its middle outwards."""
+    """Return all points of a grid, from its middle outwards."""
     middle = [(n - 1) // 2 for n in shape]
     points = product(*(range(n) for n in shape))
     return sorted(points, key=lambda index: sum(abs(k - m) for k, m in zip(index, middle, strict=True)))
@@ -38,23 +42,24 @@ def outwards(shape: tuple[int, ...]) -> list[Index]:
 class GridWalk:
     """The points of a curve over a grid: begun in the middle of each line, followed from point to point, and confirmed.
 
-    The grid is taken line by line, along the axis of the shortest steps. Each line is begun in its middle, from a branch of
-    orbits, and followed from point to neighbouring point. A long stretch of a line that is not reached is begun again. Points
-    that are still missing are looked for from neighbouring lines. With a given start all is followed from the first point
-    that is found, across lines as well.
+    The grid is taken line by line, along the axis of the shortest steps. The middle of each line is looked for on a
+    branch of orbits; from there the border is followed from point to neighbouring point. A long stretch of a line that
+    is not reached is begun again. Points that are still missing are looked for from neighbouring lines. With a given
+    start, the border is followed from the first point that is found, across lines as well.
 
-    Where a motion may have many such borders, every point that is not reached is begun by itself, and so is the last one of
-    each stretch that was followed: if that gives another one, the half of the stretch before it is given up and followed from
-    there.
+    A motion may have many such borders (`Curve.many`). Then every point that is not reached is looked for by itself. So
+    is the last point of each stretch that was followed. If this search gives another border, the half of the stretch
+    before the point is given up, and followed from the point instead.
     """
 
     def __init__(self, curve: Curve, start: PeriodicOrbit | None) -> None:
         self.curve, self.axes, self.start = curve, curve.over, start
         self.found: dict[Index, Found] = {}
-        self.begun_at: dict[Index, Index] = {}  # for each point that is found, the one from which it was followed
+        # for each point that is found: the point, found by itself, at which the following began that led to it
+        self.begun_at: dict[Index, Index] = {}
         self.status: dict[Index, str] = {}
         self.shape = tuple(column.size for column in self.axes.values())
-        # what is to be looked for from a neighbour, along the lines and across them: point, axis and side
+        # points to be looked for from a neighbour, along the lines and across them: point, axis, side of it
         self.along: deque[tuple[Index, int, int]] = deque()
         self.across: deque[tuple[Index, int, int]] = deque()
         steps = (np.abs(np.diff(column)) / np.abs(column).max() for column in self.axes.values())
@@ -68,6 +73,7 @@ class GridWalk:
         self._follow(across=True)
 
     def _line(self, line: list[Index]) -> None:
+        """Find the points of a line: begin in the middle, follow, begin again where much is missing, and confirm."""
         begun: set[Index] = set()
         least = 1 if self.curve.many else len(line) / STRETCHES
         while (index := _to_begin(line, self.found.keys() | begun, least)) is not None:
@@ -81,7 +87,7 @@ class GridWalk:
                 self._follow(across=False)
 
     def _follow(self, across: bool) -> None:
-        """Look for the neighbours of what has been found, along the lines only or, after these, across them, too."""
+        """Look for the neighbours of all points found, along the lines and then, if `across`, across the lines, too."""
         while self.along or (across and self.across):
             point, axis, side = (self.along or self.across).popleft()
             if point not in self.found:
@@ -89,7 +95,7 @@ class GridWalk:
                 self._try(point, list(takewhile(self.found.__contains__, beside)))
 
     def _try(self, index: Index, near: list[Index]) -> None:
-        """Look for a point from its neighbours, or by itself without any, and where that may be another one."""
+        """Look for a point from its neighbours; look by itself without neighbours, or if it is not sure."""
         source = self.begun_at[near[0]] if near else index
         try:
             found = self._point(index, near)
@@ -104,7 +110,7 @@ class GridWalk:
             self._enter(index, found, source)
 
     def _enter(self, index: Index, found: Found, source: Index) -> None:
-        """Enter a point that is found, and have its neighbours looked for."""
+        """Enter a point that is found, and queue its neighbours."""
         self.found[index], self.begun_at[index] = found, source
         for k, side in product(range(len(index)), (-1, 1)):
             other = _moved(index, k, -side)
@@ -117,21 +123,24 @@ class GridWalk:
     def _values(self, index: Index) -> dict[str, float]:
         return {name: float(column[k]) for (name, column), k in zip(self.axes.items(), index, strict=True)}
 
-    # --- whether points that were followed are those that are found by themselves --------------------------------------
+    # --- whether a point that was followed is also found by itself ---------------------------------------------------
 
     def _unconfirmed(self, line: list[Index], begun: Set[Index]) -> Index | None:
-        """An end of a stretch of a line that was followed from one point, if one was not looked for by itself."""
+        """Return an end of a followed stretch of a line that has not been looked for by itself, or None.
+
+        A stretch has the neighbouring points that were followed from one beginning.
+        """
         stretches = (
             list(each) for _, each in groupby(filter(self.found.__contains__, line), self.begun_at.__getitem__)
         )
         return next((end for each in stretches for end in (each[0], each[-1]) if end not in begun), None)
 
     def _confirm(self, end: Index, line: list[Index]) -> None:
-        """Look for the end of a stretch by itself; if that is another point, give up the half of the stretch before it."""
+        """Look for the end of a stretch by itself; if this gives another point, give up half of the stretch."""
         try:
             alone = self._point(end)
         except (OrbitError, ParameterError):
-            return  # there is no orbit from which it could be found: what was followed is all that is known
+            return  # no orbit leads to the border here: the point that was followed stays
         followed, source = self.found[end], self.begun_at[end]
         agree = abs(alone.value - followed.value) < AGREED * self.curve.axis.scale
         if agree and self.curve.status(alone) == self.curve.status(followed):
@@ -143,7 +152,7 @@ class GridWalk:
         self._enter(end, alone, end)
 
     def meetings(self) -> Iterator[tuple[Place, str]]:
-        """Where the curve meets other borders along the last axis."""
+        """Yield the places where the curve meets other borders along the last axis, with the names of both borders."""
         places = {at: Place(self.curve, one, np.array([*self._values(at).values()])) for at, one in self.found.items()}
         for at, a in places.items():
             if b := places.get(_moved(at, len(at) - 1, 1)):
@@ -151,18 +160,19 @@ class GridWalk:
                 yield from a.special(b, known)
 
     def told(self) -> dict[Index, str]:
-        """The status of each point: of those that are found, and why the others are not."""
+        """Return the status of each point: for a missing point, why it was not found."""
         lacking = {index: self.status.get(index, "no neighbour was found") for index in outwards(self.shape)}
         return lacking | {index: self.curve.status(one) for index, one in self.found.items()}
 
 
 def _to_begin(line: list[Index], tried: Set[Index], least: float) -> Index | None:
-    """The middle of the longest stretch of a line in which no point has been tried or found; none if it is short."""
+    """Return the middle of the longest stretch of a line without a tried or found point; None if below `least`."""
     stretches = [list(stretch) for was, stretch in groupby(range(len(line)), lambda n: line[n] in tried) if not was]
     longest = max(stretches, key=len, default=[])
     if not longest or len(longest) < least:
         return None
     halfway = longest[(len(longest) - 1) // 2], longest[len(longest) // 2]
+    # of an even number of points, the middle one that lies nearer to the middle of the line
     return line[min(halfway, key=lambda n: abs(2 * n - len(line) + 1))]
 
 
@@ -181,52 +191,58 @@ def border(
     sustained: bool = False,
     **fixed: float,
 ) -> xr.Dataset:
-    """A border of an orbit in one parameter, as a curve over the values of other ones.
+    """Find a border of an orbit in one parameter, as a curve over the values of other parameters.
 
     Parameters
     ----------
     kind : str
-        fold, flip (period doubling), torus (Neimark-Sacker), or a change of sequence: any of them (word), or stick_slip,
-        lift_off, double_impact, chatter, hop. The first one met from the start is the one that is followed; of folds, flips
-        and tori the one at which the stable orbit that runs come to loses its stability, if it does so there. stable_from
-        and stable_to are the ends of that orbit's stability, whatever their kind; each point is found by itself. A pitchfork
-        is one of motions in a plane, without spin.
+        fold, flip (period doubling), torus (Neimark-Sacker), or a change of sequence: any change (word), or stick_slip,
+        lift_off, double_impact, chatter, hop. The first border met from the start is followed. Of folds, flips and
+        tori, the border is preferred at which the stable orbit that runs come to loses its stability. stable_from and
+        stable_to are the ends of that orbit's stability, whatever their kind; each point is found by itself. A
+        pitchfork is a border of motions in a plane, without spin.
     parameter : str
-        The one that is solved for.
+        Parameter that is solved for.
     over : mapping of str to sequence of float
-        Values of one or more others. Each line of points along the axis of the shortest steps is begun in its middle, and
-        each point begins with what its neighbour has come to. A long stretch that is not reached is begun by itself. Of
-        changes of sequence every such point is, and the last point of each stretch, too: where that gives another border, the
-        stretch before it is looked for again.
+        Values of one or more other parameters. Each line of points along the axis of the shortest steps is begun in its
+        middle, and followed from point to point. A long stretch that is not reached is begun by itself. For a change of
+        sequence, every point that is not reached is begun by itself, and the last point of each stretch is confirmed
+        so. Where this search gives another border, the stretch before the point is looked for again.
     spin : float, optional
-        Axial spin [rad s-1]; by default what a lateral start with `xdot0` rolls up to. Of a fold, a flip and a torus it is
-        that to which the spin is put back at the start of each forcing period; of a change of sequence that after the double
-        impact.
+        Axial spin [rad s-1]; by default the spin that a lateral start with `xdot0` rolls up to. For a fold, a flip or a
+        torus the spin is put back to it at the start of each forcing period. For a change of sequence it is the spin
+        after the double impact.
     start : PeriodicOrbit, optional
-        From which the first point is looked for; by default one found between the ball's fold and flip.
+        Orbit from which the first point is looked for; by default one found between the ball's fold and flip.
     rtol : float
         Accuracy of the map [1].
     sustained : bool
-        Whether the spin is free, and everywhere one at which nothing drifts, looked for near `spin`. A fold is then where two
-        such spins appear, an end of stability where one ceases to attract or to be.
+        Whether the spin is free: each orbit then has a spin at which nothing drifts, looked for near `spin`. At a fold
+        two such spins appear; at an end of stability one ceases to attract or to exist.
     **fixed : float
         Parameters of the model.
 
     Returns
     -------
     xarray.Dataset
-        Along the names in `over`: `parameter`, the attributes of the border's `PeriodicOrbit`, `status` and `cost`, the
-        forcing periods of the map that a point took. The status is "ok", or says why there is no point, or that there are
-        more. A sequence may change alike at many values of the parameter, between where the branch turns round and
-        where no end comes to rest any more: the row has the first one met, upwards before downwards, `several` has all of
-        them, and the status is "one of 10". Beyond where no end comes to rest the branch is in pieces: if there is no such
-        change before, the row is the last orbit of which an end does, and the status says that there are several beyond.
-        `loses_stability` says whether a stable orbit loses its stability there: the multipliers are inside the unit circle on
-        one side, and beyond the orbit has one outside, or there is none. Of a flip also `doubling`, the coefficient of its
-        normal form: where it is positive a stable orbit of twice the period begins, where it is negative an unstable one ends.
-        Of stable_from and stable_to also `ends_by`, the kind of border there. Of a change of sequence also `change`, the
-        symbols that go and come: it may differ from point to point.
-        Along `meeting`: where the curve meets another border along its last axis, with its `meets`; located to 1e-6.
+        Along the names in `over`: `parameter`, the attributes of the border's `PeriodicOrbit`, `status`, and `cost`,
+        the forcing periods of the map that a point took. The status is "ok", or says why there is no point, or that
+        there are more.
+
+        `loses_stability` says whether a stable orbit loses its stability there. Then all multipliers are inside the
+        unit circle on one side; beyond, one multiplier is outside, or there is no orbit. A flip has `doubling`, the
+        coefficient of its normal form. Where it is positive a stable orbit of twice the period begins, where it is
+        negative an unstable one ends. stable_from and stable_to have `ends_by`, the kind of border there. A change of
+        sequence has `change`, the symbols that go and come, which may differ from point to point.
+
+        A sequence may change alike at many values of the parameter, between the turn of the branch and the last orbit
+        in which an end comes to rest. Then the row has the first change met, upwards before downwards, `several` has
+        all of them, and the status is "one of 10". Beyond the last orbit in which an end comes to rest, the branch is
+        in pieces. If there is no such change before, the row is this last orbit, and the status says that there are
+        several beyond.
+
+        Along `meeting`: the places where the curve meets another border along its last axis, located to 1e-6, and
+        `meets`, the names of both borders.
 
     Raises
     ------
@@ -249,7 +265,8 @@ def border(
     return _dataset(walk)
 
 
-def _dataset(walk: GridWalk) -> xr.Dataset:
+def _dataset(walk: Walk) -> xr.Dataset:
+    """Return the points of a curve over its grid, and its meetings, as labelled data."""
     curve, axes, rows = walk.curve, walk.axes, list(walk.found.values())
     cost = {"cost": ([one.cost for one in rows], "forcing periods of the map that the point took")}
     met = list(walk.meetings())

@@ -1,4 +1,4 @@
-"""A border as a curve: how its points are found on branches of orbits, and how steps lead from one point to the next."""
+"""A border as a curve: its first points are found on branches of orbits, the others by steps from point to point."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterator, Mapping
@@ -24,62 +24,64 @@ from dimersweep.errors import OrbitError
 from dimersweep.parameters import value_of
 from dimersweep.symbols import PARAMETERS
 
-STATUS_LENGTH = 100  # of a status at most
-REACH = 0.3  # of a point of a curve from where it is looked for, in units of the section
-HALVINGS = 4  # of a step from one point of a curve to the next
+STATUS_LENGTH = 100  # greatest length of a status, in characters: it fits into one line of a table
+# greatest distance of a point of a curve from its guess, in units of the section: further off lies another motion
+REACH = 0.3
+HALVINGS = 4  # times that a step from one point of a curve to the next is halved at most
 
 
 PlaceLike = TypeVar("PlaceLike", bound="Place")
 
 
 class Found(NamedTuple):
-    """A point of a curve."""
+    """A point of a border: its orbit, the value of the parameter, and the start of the search for the next point."""
 
     orbit: PeriodicOrbit
-    value: float  # of the parameter
-    begin: Any  # what the next point begins with
-    # of a change of sequence: how the sequences on its two sides differ; none where a branch goes to pieces
+    value: float  # value of the parameter that is solved for
+    begin: Any  # from which the next point is looked for: `map` and unknowns `y`, of a class of the kind of curve
+    # of a change of sequence: how the sequences on its two sides differ; None where the branch falls to pieces
     sides: Sides | None = None
     loses: bool = False  # whether a stable orbit loses its stability there
     by: str = ""  # of an end of stability: the kind of border that ends it
-    others: "tuple[Found, ...]" = ()  # of a change of sequence: those that the motion has at other values of the parameter
-    cost: float = 0.0  # forcing periods of the map that it took
+    # of a change of sequence: the same change of the same motion at other values of the parameter
+    others: "tuple[Found, ...]" = ()
+    cost: float = 0.0  # forcing periods of the map that were run for the point
 
     @property
     def several(self) -> list[float]:
-        """Values of the parameter of all such changes of the motion, if there is more than one."""
+        """Values of the parameter at all such changes of the motion, ascending; empty if there is only one."""
         return sorted([self.value, *(other.value for other in self.others)]) if self.others else []
 
     def alike(self, other: "Found") -> bool:
-        """Whether both are points of one section, and sequences change alike at both."""
+        """Return True if both points are in one section, and the sequence changes alike at both."""
         m, n = self.begin.map, other.begin.map
         return m.phase == n.phase and m.free.size == n.free.size and self.sides == other.sides
 
 
 def shortened(reason: str) -> str:
-    """The beginning of a reason, in one line that a table can hold."""
+    """Shorten a reason to its first two parts and `STATUS_LENGTH` characters, for a table."""
     said = "; ".join(reason.split("; ")[:2])
     return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
 
 
 @dataclass(eq=False)
 class Curve(ABC):
-    """A border of one kind."""
+    """A border of one kind, whose points are found over other parameters."""
 
-    # whether each point is looked for by itself; else points are found from their neighbours, the first one on a branch
+    # whether each point is looked for by itself; else only the first one is, on a branch, the others from neighbours
     alone: ClassVar = False
-    # whether a motion may have several such borders, so that points that are followed are confirmed
+    # whether a motion may have several such borders, so that points that were followed must be confirmed
     many: ClassVar = False
     # whether its motions are in a plane, without spin
     in_plane: ClassVar = False
     kind: Any
-    parameter: str  # the one that is solved for
-    given: dict[str, float]  # all parameters
+    parameter: str  # parameter that is solved for
+    given: dict[str, float]  # all parameters, at the first of the values that are asked for
     spin: float  # axial spin [rad/s]
     rtol: float  # accuracy of the map
     recorder: Recorder = field(default_factory=Recorder)
     over: dict[str, np.ndarray] = field(default_factory=dict)  # values of the other parameters that are asked for
-    sustained: bool = False  # whether the spin is free, and only begins as given
+    sustained: bool = False  # whether the spin is free: `spin` is then only where the search begins
 
     def __post_init__(self) -> None:
         if self.in_plane:
@@ -87,48 +89,48 @@ class Curve(ABC):
 
     @cached_property
     def axis(self) -> Axis:
-        """The parameter as the quantity along branches."""
+        """The quantity along branches: the parameter that is solved for, with its scale and the spin."""
         spin = None if self.sustained else self.spin
         return Axis(self.parameter, abs(value_of(self.parameter, self.given)) or 1.0, spin)
 
     def multipliers(self, orbit: PeriodicOrbit) -> np.ndarray:
-        """Of the fast part of an orbit; where the spin is free, with that of the slow direction."""
+        """Return the multipliers of the fast part of an orbit; where the spin is free, with the slow one at the end."""
         return np.append(orbit.multipliers, orbit.slow_multiplier) if self.sustained else orbit.multipliers
 
     def point(self, values: dict[str, float], near: list[Found], start: PeriodicOrbit | None) -> Found:
-        """The point of the border at values of the other parameters.
+        """Find the point of the border at values of the other parameters.
 
-        It is found from neighbours at equal distances, the nearest first; without any the border is looked for on a branch,
-        that of a start or of orbits at these values.
+        The neighbours in `near` lie at equal distances, the nearest first. Without neighbours the border is looked for
+        on a branch: that of `start`, or else of orbits at these values. Raise OrbitError if there is no such point.
         """
         spent, given = self.recorder.periods, self.given | values
         if near and not self.alone:
             found = self._stepped(given, near)
         else:
             found = self._first(given, start)
-            there = found.orbit.parameters  # those of the start
+            there = found.orbit.parameters  # a start may have other parameters than the point
             if any(there.get(name, value) != value for name, value in given.items() if name != self.parameter):
                 found = self._stepped(given, [found])
         return found._replace(cost=self.recorder.periods - spent)
 
     def status(self, found: Found) -> str:
-        """The status of a point that is found: ok, or why there may be others."""
+        """Return the status of a point that is found: ok, or why there may be other such points."""
         return "ok"
 
     def is_sure(self, found: Found) -> bool:
-        """Whether a point that was found from a neighbour would be found by itself, too."""
+        """Return True if a point that was found from a neighbour would be found by itself, too."""
         return True
 
     def state(self, found: Found) -> str:
-        """What changes at once where the curve meets another border, if anything does."""
+        """Return the property of a point that changes at once where the curve meets another border, or ""."""
         return found.by
 
     def passed(self, before: str, after: str) -> str:
-        """The names of the borders that meet where the state changes."""
+        """Return the names of the borders that meet where the state changes from `before` to `after`."""
         return f"{before}-{after}"
 
     def table(self, found: Collection[Found], dim: str, more: Mapping[str, Column]) -> xr.Dataset:
-        """A table of points along `dim`, with `more` columns."""
+        """Return a table of points along the dimension `dim`, with `more` columns."""
         solved = {self.parameter: ([one.value for one in found], PARAMETERS[self.parameter])}
         table = dataset([one.orbit for one in found], dim, solved | dict(more))
         spin = "sustained" if self.sustained else self.spin
@@ -136,25 +138,28 @@ class Curve(ABC):
         return table.assign_attrs(about | {"cost": self.recorder.periods})
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
-        """What a table of points of this kind says more: whether stability is lost there, and the coefficient of a flip."""
+        """Return the columns of this kind: whether a stable orbit loses its stability; the coefficient of a flip."""
         loses = {"loses_stability": ([one.loses for one in found], "whether a stable orbit loses its stability there")}
         return loses | ({"doubling": ([one.begin.doubling for one in found], DOUBLING)} if self.kind.doubles else {})
 
     # --- in the plane of two parameters: see `plane_curve` ----------------------------------------------------------
 
     def system(self, m: ReturnMap, near: Found) -> Any:
-        """The equations of the border near a point, `value` and `derivative`, with the map of other parameters.
+        """Return the equations of the border near a point, with a map at other parameters.
 
-        It is lost if it has none there.
+        They have the methods `value` and `derivative`. Raise OrbitLost if the border has no equations there.
         """
         raise NotImplementedError
 
     def made(self, u: np.ndarray, extra: Any, near: Found) -> Found:
-        """The point of the border at a solution of these equations, and what they returned there beside their value."""
+        """Return the point of the border at a solution `u` of the equations of `system`.
+
+        `extra` is what their `value` returned there beside the residuals.
+        """
         raise NotImplementedError
 
     def tests(self, found: Found) -> dict[str, float]:
-        """Functions that change their sign where the curve meets another border, by the names of both."""
+        """Return functions of a point that change their sign where the curve meets another border, by both names."""
         values = self.kind.others(self.multipliers(found.orbit))
         real = values[np.abs(values.imag) < COMPLEX].real
         return {f"{self.kind.name}-{other.name}": other.crossing(real) for other in BORDER_KINDS.values()}
@@ -162,11 +167,11 @@ class Curve(ABC):
     # --- from one point to the next --------------------------------------------------------------------------------
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
-        """The point one step from neighbours in one section."""
+        """Find the point one step from neighbours, which are in one section; raise OrbitLost if it is not found."""
         raise NotImplementedError
 
     def _stepped(self, given: dict[str, float], near: list[Found]) -> Found:
-        """The point reached from neighbours, or from the nearest in two steps, or four, and so on, where one is too wide.
+        """Find the point from neighbours in one step, or from the nearest one in two, four or more shorter steps.
 
         Steps are not made longer on the way: a curve that ends there would be tried in vain again and again.
         """
@@ -176,6 +181,7 @@ class Curve(ABC):
             return self._by_halves(given, near[0], HALVINGS)
 
     def _by_halves(self, given: dict[str, float], near: Found, depth: int) -> Found:
+        """Find the point from a neighbour by way of the middle; each half is halved again, up to `depth` times."""
         known = near.orbit.parameters
         middle = {name: 0.5 * (value + known.get(name, value)) for name, value in given.items()}
         for target in (middle, given):
@@ -188,18 +194,18 @@ class Curve(ABC):
         return near
 
     def between(self, a: Found, b: Found, part: float) -> Found:
-        """A point of the curve as a neighbour of one on the way to another."""
+        """Return a neighbour of the point that lies a `part` of the way from `a` to `b`: by default `a`."""
         return a
 
     def extrapolated(self, near: list[Found]) -> np.ndarray:
-        """The next point on the line or parabola through neighbours at equal distances."""
+        """Extrapolate the unknowns to the next point, by the line or parabola through neighbours at equal distances."""
         weights = ((1.0,), (2.0, -1.0), (3.0, -3.0, 1.0))[len(near) - 1]
         return sum(weight * one.begin.y for weight, one in zip(weights, near, strict=True))
 
     # --- the first point: on a branch ------------------------------------------------------------------------------
 
     def _first(self, given: dict[str, float], start: PeriodicOrbit | None) -> Found:
-        """A point of the curve, on the branch through the start or one of the orbits at the given parameters."""
+        """Find a point of the curve on the branch through the start, or through an orbit at the given parameters."""
         reasons: list[str] = []
         stable = False
         for orbit in self._starts(given, start, reasons):
@@ -211,15 +217,15 @@ class Curve(ABC):
         raise OrbitError(self._lacking(stable, reasons))
 
     def _lacking(self, stable: bool, reasons: list[str]) -> str:
-        """Why there is no point: what was tried, among it a stable orbit or not."""
+        """Return the message that no point was found, with the reasons; `stable` if one of the orbits was stable."""
         return shortened(f"no {self.kind.name} was met; {'; '.join(dict.fromkeys(reasons))}")
 
     @abstractmethod
     def _from(self, orbit: PeriodicOrbit) -> Found:
-        """The point of the border on the branch through an orbit; lost if there is none."""
+        """Return the point of the border on the branch through an orbit; raise OrbitLost if there is none."""
 
     def _met(self, way: Point) -> Special:
-        """The first point of this kind along a branch; lost if there is none."""
+        """Return the first special point of this kind along a branch; raise OrbitLost if there is none."""
         for a, b, _ in steps(way, SEARCHING):
             for special in self._specials(a, b)[0]:
                 if self._is_met(special):
@@ -227,14 +233,15 @@ class Curve(ABC):
         raise OrbitLost(f"none within {SEARCHING.tries} points of the branch")
 
     def _specials(self, a: Point, b: Point) -> tuple[list[Special], Any]:
-        """Special points of a step of a branch."""
+        """Return the special points of a step of a branch, and the change of sequence at which it leaps, if it does."""
         return specials(a, b, sequences=False)
 
     def _is_met(self, special: Special) -> bool:
+        """Return True if a special point of a branch is a point of this border."""
         return special.kind is self.kind
 
     def _ways(self, orbit: PeriodicOrbit) -> list[Point]:
-        """The first point of the branch through an orbit, in each sense of the parameter in which the border is looked for."""
+        """Return the first point of the branch through an orbit, once for each sense in which to search."""
         fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=self.recorder))
         begin = point_of(self.axis, self.axis.taken_up(fixed), value_of(self.parameter, orbit.parameters))
         return [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
@@ -242,9 +249,10 @@ class Curve(ABC):
     def _starts(
         self, given: dict[str, float], start: PeriodicOrbit | None, reasons: list[str]
     ) -> Iterator[PeriodicOrbit]:
-        """Orbits from which the border is looked for: first stable ones, which runs come to; last those of other motions.
+        """Yield the orbits from which the border is looked for: first stable walks, last other motions.
 
-        In a walk one end is far from the plate at a time; both ends are, or none is, in motions of other kinds.
+        In a walk one end is far from the plate at a time; in other motions both ends are, or none. Why an orbit was not
+        found is added to `reasons`.
         """
         if start is not None:
             yield start
@@ -259,14 +267,14 @@ class Curve(ABC):
                 continue
             if orbit.stable and far_ends(orbit.sequence) == 1:
                 yield orbit
-                if self.sustained:  # branches of the others lead to the same spins
+                if self.sustained:  # where the spin is free, branches of other orbits lead to the same sustained spins
                     return
             else:
                 later.append(orbit)
         yield from sorted(later, key=lambda orbit: (far_ends(orbit.sequence) != 1, not orbit.stable))
 
     def _places(self, given: dict[str, float]) -> Iterator[dict[str, float]]:
-        """Where an orbit is looked for: between the ball's fold and flip."""
+        """Yield values of the parameter at which an orbit is looked for: between the ball's fold and flip."""
         if self.parameter == "Gamma":
             e = value_of("e_2", given)
             low, wide = ball_fold(e), ball_flip(e) - ball_fold(e)
@@ -282,29 +290,29 @@ class Curve(ABC):
 
 @dataclass(frozen=True)
 class Place:
-    """A point of a curve at values of the other parameters, its `y`: see `continuation.OnPlanes`."""
+    """A point of a curve whose `y` has the values of the other parameters: see `continuation.steps.OnPlanes`."""
 
     curve: Curve
     found: Found
     y: np.ndarray
 
     def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
-        """The point at other values."""
+        """Return the point at other values `y` of the other parameters."""
         found = self.curve.point(dict(zip(self.curve.over, y.tolist(), strict=True)), [self.found], None)
         return replace(self, found=found, y=y)
 
     def towards(self, other: Self, part: float) -> Self:
-        """The place as a neighbour of one on the way to another."""
+        """Return the place with the neighbour from which a point a `part` of the way to `other` is looked for."""
         return replace(self, found=self.curve.between(self.found, other.found, part))
 
     def tests(self) -> dict[str, float]:
-        """Functions that change their sign where the curve meets another border, or turns round, by the names of that."""
+        """Return functions that change their sign where the curve meets another border or turns round, by its name."""
         return Curve.tests(self.curve, self.found)
 
     def special(self, b: Self, known: float) -> list[tuple[Self, str]]:
-        """Where the curve meets other borders, or turns round, up to another of its points, in their order.
+        """Return the places up to the point `b` at which the curve meets other borders or turns round, in their order.
 
-        Places are so well `known`, as a share of the way; those that are not are left out.
+        Each place is located to `known`, a share of the way. A place that cannot be located so well is left out.
         """
         at, low = Onward(self, b), 0.0
 
@@ -325,8 +333,12 @@ class Place:
 
 
 class Onward(Between[PlaceLike]):
-    """The points of a step of a border, each found from the last one before it, whose equations are nearly its own."""
+    """The points of a step of a border by their share of the way, each found from the last known point before it.
+
+    The equations of that point are nearly those of the new one.
+    """
 
     def near(self, share: float) -> PlaceLike:
+        """Return the point from which the point at a share of the way is looked for."""
         low, high = max(known for known in self if known < share), min(known for known in self if known > share)
         return self[low].towards(self[high], (share - low) / (high - low))

@@ -1,4 +1,4 @@
-"""The curve of each class of kinds of borders, and the curve that is asked for."""
+"""The table of curves by class of kind of border, and the check of what a user asks for."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -33,7 +33,10 @@ CURVE_OF_KIND: dict[type[Kind], type[Curve]] = {
 def asked(
     kind: str, parameter: str, over: Mapping[str, Any], spin: float | None, rtol: float, fixed: dict[str, float]
 ) -> Curve:
-    """Return the curve that is asked for, at the first values in `over`; raise a ParameterError if it is not allowed."""
+    """Return the curve of a kind of border, with its parameters at the first values of `over`.
+
+    Raise ParameterError for an unknown kind, and for a parameter or a value that is not allowed.
+    """
     if kind not in BORDER_KINDS:
         raise ParameterError(f"kind = {kind!r}: unknown border (allowed: {', '.join(BORDER_KINDS)})")
     check_name(parameter)

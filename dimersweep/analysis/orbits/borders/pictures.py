@@ -20,25 +20,27 @@ from dimersweep.errors import ParameterError
 from dimersweep.plots.style import MODE_COLORS, Board, Look, board, fixed_of, given, ink, log_scale, mark
 from dimersweep.symbols import BASE, PARAMETERS, conditions
 
+# line styles of the lines of one border, in the order of the values of the other axes
 STYLES: tuple[Any, ...] = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)))
 REGION_COLOR, STABLE_COLOR = MODE_COLORS["drift"], MODE_COLORS["flutter"]
+# opacity of the region of drift of a map under curves, and of the stretch over which an orbit is stable
 REGION_SHADE, STABLE_SHADE = 0.22, 0.15
-PALE = 0.35  # of curves of orbits that are unstable on both sides
-SMOOTH = 12  # places of a drawn branch between two of its points
+PALE = 0.35  # opacity of curves of orbits that are unstable on both sides
+SMOOTH = 12  # parts into which a drawn branch is divided between two of its points
 MARKERS = {kind.name: kind.marker for kind in BORDER_KINDS.values()}
 SPIN_LABEL = "axial spin [rad/s]"
 PANELS = {"radius": "radius [m]", "period": "period [s]", "zeta": r"$\zeta$ [rad]"}
 
 
 def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None, **look: Unpack[Look]) -> Figure:
-    """The picture of a dataset of borders.
+    """Draw a dataset of borders.
 
     Parameters
     ----------
     table : xarray.Dataset
-        Of curves, branches or families; or one of `border`, `border_curve`, `follow` or `family`.
+        Curves, branches or families: of a file of borders, or from `border`, `border_curve`, `follow`, `family`.
     over : xarray.Dataset, optional
-        A map of regions, under curves that have its axes.
+        Map of regions, which is drawn under the curves. It must have the axes of the curves.
     **look : see `dimersweep.plots.Look`
 
     Returns
@@ -48,9 +50,10 @@ def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None, **look: Unpa
     Raises
     ------
     ParameterError
-        If the dataset is none of borders, or the map has other axes.
+        If the dataset has no borders, or the map has other axes than the curves.
     """
-    told = names(table[[name for name in ("kind", "special") if name in table.variables]])  # words, in former files
+    # in files of former versions these two are words already, which `names` leaves alone
+    told = names(table[[name for name in ("kind", "special") if name in table.variables]])
     table = table.assign({name: told[name].variable for name in ("kind", "special") if name in told.variables})
     if "kind" in table.attrs:
         table = table.expand_dims("border").assign_coords(kind=("border", [table.attrs["kind"]]))
@@ -66,9 +69,10 @@ def draw_borders(table: xr.Dataset, over: xr.Dataset | None = None, **look: Unpa
 
 
 def curves(table: xr.Dataset, over: xr.Dataset | None, look: Look) -> Figure:
-    """Borders along the last axis, one line style for each value of the others; the ball's closed forms are thin.
+    """Draw borders along the last axis, one line style for each value of the other axes.
 
-    Between the two ends of stability is a shade. Bifurcations of orbits that are unstable on both sides are pale.
+    The closed forms of the ball are thin lines. The stretch between both ends of stability is shaded. Bifurcations of
+    orbits that are unstable on both sides are pale.
     """
     table = table.swap_dims(border="kind")
     y = table.attrs["parameter"]
@@ -88,7 +92,7 @@ def curves(table: xr.Dataset, over: xr.Dataset | None, look: Look) -> Figure:
         for line, style in lines:
             row, how = line.sel(kind=kind), {"color": color, "linestyle": style, "linewidth": 1.4}
             taken = row[y]
-            if BORDER_KINDS[kind].rows:  # pale where no stable orbit loses its stability
+            if BORDER_KINDS[kind].rows:  # a bifurcation: pale where no stable orbit loses its stability
                 axes.plot(row[x], row[y], **how, alpha=PALE)
                 taken = row[y].where(row["loses_stability"] == 1)
             axes.plot(row[x], taken, **how)
@@ -108,9 +112,9 @@ def curves(table: xr.Dataset, over: xr.Dataset | None, look: Look) -> Figure:
 
 
 def _stable_shaded(axes: Axes, flat: xr.Dataset, x: str, y: str) -> Patch:
-    """Shade where an orbit is stable, on each line; its handle for a legend."""
+    """Shade the stretch over which an orbit is stable, on each line, and return the legend's handle of the shade."""
     low, high = (flat.sel(kind=kind.name)[y] for kind in (STABLE_FROM, STABLE_TO))
-    alpha = STABLE_SHADE / flat.sizes["line"] ** 0.5
+    alpha = STABLE_SHADE / flat.sizes["line"] ** 0.5  # shades of several lines lie upon one another
     for k in range(flat.sizes["line"]):
         axes.fill_between(flat[x], low.isel(line=k), high.isel(line=k), color=STABLE_COLOR, alpha=alpha, linewidth=0)
     return Patch(facecolor=STABLE_COLOR, alpha=alpha, label="a stable orbit, which runs come to")
@@ -119,9 +123,13 @@ def _stable_shaded(axes: Axes, flat: xr.Dataset, x: str, y: str) -> Patch:
 def _framed(
     look: Look, table: xr.Dataset, size: tuple[float, float], along: Collection[str] = (), **panels: Any
 ) -> tuple[Board, Any]:
-    """A board with the title of a table and what its orbits share, no conditions of a start; and its panels."""
+    """Return a board and its panels; the heading has the title of a table and the parameters that its orbits share.
+
+    An orbit has no start: the heading leaves out `beta0` and `xdot0`.
+    """
     declared = json.loads(table.attrs.get("configuration", "{}"))
-    held, varied = fixed_of(table)  # of tables put together, the configuration is the first one's
+    # several tables put together have the configuration of the first one: the values in the table itself go before
+    held, varied = fixed_of(table)
     values = (BASE | declared["fixed"] if declared else table.attrs) | held
     heading = conditions(values, {*declared.get("over", ()), *varied, *along, "beta0", "xdot0"}, tex=True)
     spin = declared.get(table.attrs.get("what"), {}).get("spin", table.attrs.get("spin"))
@@ -130,7 +138,7 @@ def _framed(
 
 
 def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:
-    """Draw the region of drift of a map; its handle for a legend."""
+    """Draw the region of drift of a map and return its handle for the legend; refuse a map with other axes."""
     region = over["region"] if "region" in over else over["mode"]
     if set(region.dims) != {x, y}:
         raise ParameterError(f"over: the map has the axes {', '.join(map(str, region.dims))}; must have {x} and {y}")
@@ -141,7 +149,7 @@ def _map_under(axes: Axes, over: xr.Dataset, x: str, y: str) -> Patch:
 
 
 def branches(table: xr.Dataset, look: Look) -> Figure:
-    """Radius and angle of the orbits along branches: stable ones solid, unstable ones dashed, special points marked."""
+    """Draw radius, period and zeta along branches: stable orbits solid, unstable ones dashed, special points marked."""
     x = str(table.attrs["parameter"])
     place, panels = _framed(look, table, (8, 8), [x], nrows=3, sharex=True)
     groups = [name for name in table.variables if name in PARAMETERS and name != x and table[name].dims == ("point",)]
@@ -171,7 +179,7 @@ def branches(table: xr.Dataset, look: Look) -> Figure:
 
 
 def _label_panels(panels: Sequence[Axes]) -> None:
-    """Label the panels of `PANELS`, the first ones, and give all a grid."""
+    """Label the first panels with the quantities of `PANELS`, and draw a grid in all panels."""
     for axes, label in zip(panels, PANELS.values(), strict=False):
         axes.set_ylabel(label)
     for axes in panels:
@@ -179,10 +187,11 @@ def _label_panels(panels: Sequence[Axes]) -> None:
 
 
 def _one_branch(axes: Axes, one: xr.Dataset, x: str, name: str, color: str) -> None:
-    """One quantity along one branch."""
+    """Draw one quantity along one branch, with markers at its special points."""
     places, values, stable = one[x].values, one[name].values, one["stable"].values.astype(bool)
     at, line, drawn = _smoothed(places, values)
-    bound = np.isin(one["special"].values, list(MARKERS))  # which is of both sides: a stretch is as its other end
+    # a special point belongs to both sides of a border: a stretch beside it is as stable as its other end
+    bound = np.isin(one["special"].values, list(MARKERS))
     ends = np.stack([np.where(bound[:-1], stable[1:], stable[:-1]), np.where(bound[1:], stable[:-1], stable[1:])])
     solid = np.logical_and(*ends)
     for part in np.split(np.arange(solid.size), np.flatnonzero(np.diff(solid)) + 1) if solid.size else ():
@@ -194,8 +203,12 @@ def _one_branch(axes: Axes, one: xr.Dataset, x: str, name: str, color: str) -> N
 
 
 def _smoothed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Places on a smooth curve through points (their number along it) and its coordinates, which turn at points only."""
+    """Interpolate a smooth curve through points, whose coordinates have extrema at these points only.
+
+    Return the places on it, as fractions of the number of a point, and the two coordinates there.
+    """
     steps = np.hypot(np.diff(x) / (np.ptp(x) or 1.0), np.diff(y) / (np.ptp(y) or 1.0))
+    # two points at the same place are set apart by 1e-9 of the picture: the interpolation needs ascending lengths
     length = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-9))])
     if x.size < 3 or not np.isfinite(length[-1]):
         return np.arange(x.size), x, y
@@ -205,7 +218,7 @@ def _smoothed(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.
 
 
 def families(table: xr.Dataset, look: Look) -> Figure:
-    """Radius, period, angle and relative decay of the orbits over the spin, with the least period marked."""
+    """Draw radius, period, zeta and relative loss of spin of orbits over the spin, with the least period marked."""
     place, panels = _framed(look, table, (9, 7), nrows=2, ncols=2, sharex=True)
     panels = panels.ravel()
     table = table if "over" in table.dims else table.expand_dims("over")

@@ -1,6 +1,6 @@
 """Curves of pitchforks: where a motion in a plane begins or ceases to attract motions with a spin.
 
-All its points have spin 0. How a small spin grows there is one more equation, beside those of the orbit.
+All points of such a curve have spin 0. Beside the equations of the orbit, one more holds: a small spin does not grow.
 """
 
 from contextlib import suppress
@@ -17,7 +17,7 @@ from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap,
 
 
 class PitchforkCurve(Curve):
-    """A curve along which a motion in a plane begins or ceases to attract: see `Curve`."""
+    """A curve along which a motion in a plane begins or ceases to attract motions with a spin: see `Curve`."""
 
     in_plane: ClassVar = True
 

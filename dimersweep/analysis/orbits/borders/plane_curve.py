@@ -1,7 +1,8 @@
-"""Borders as curves in the plane of two parameters, which may turn round in either.
+"""Borders as curves in the plane of two parameters, which may turn round in either parameter.
 
-The unknowns are those of a point of the border (the orbit, for a bifurcation its eigenvector, the first parameter) and the
-second parameter: one more than there are equations. They are followed by `continuation`.
+The unknowns are those of a point of the border and the second parameter, one more than there are equations. A point of
+the border has the orbit, the first parameter and, at a bifurcation, the eigenvector. The module
+`continuation.steps` follows the curves.
 """
 
 from dataclasses import dataclass, replace
@@ -26,43 +27,45 @@ from dimersweep.inputs import as_number, check_count, check_switch, pair_of
 from dimersweep.parameters import check_name
 from dimersweep.symbols import PARAMETERS
 
-SHORT_ARC = 1e-3  # step from which on a kink is not avoided any more
-CHANGE_LOCATED = 1e-7  # how well what is special is known, as a share of a step
+# length of a step below which a kink is not avoided: a curve that runs along a kink could not go on
+SHORT_ARC = 1e-3
+CHANGE_LOCATED = 1e-7  # accuracy of meetings and turns, as a share of a step
 
 
 @dataclass(frozen=True)
 class InPlane(Place):
-    """A point of a border in the plane of two parameters; see `continuation.OnCurve`.
+    """A point of a border in the plane of two parameters, from which steps are taken: see `continuation.steps.OnCurve`.
 
-    The second parameter over its scale is the last entry of `y`, the first one that before.
+    Its last two unknowns, `y[-2]` and `y[-1]`, are the first and the second parameter over their scales.
     """
 
     other: Axis  # the second parameter
-    near: Found  # with whose equations, and in whose section, it was found
-    tangent: np.ndarray  # of length one, shape (n + 1,)
-    slope: np.ndarray | None = None  # derivative of all equations there, shape (n, n + 1)
+    near: Found  # the point with whose equations, and in whose section, this one was found
+    tangent: np.ndarray  # tangent of the curve, of length one, shape (n + 1,)
+    slope: np.ndarray | None = None  # derivative of all equations at `y`, shape (n, n + 1)
 
     def judge(self, to: "InPlane", step: float) -> None:
-        """Refuse a step over which the curve turns too far, or to a point whose derivatives are of two maps."""
+        """Raise OrbitLost for a step over which the curve turns too far, or to a point at a kink of the map."""
         if np.linalg.norm(to.y - self.y) > step / SAME_WAY or self.tangent @ to.tangent < SAME_WAY:
             raise OrbitLost("the curve turns too sharply")
         if step >= SHORT_ARC and _at_kink(to.found):
             raise OrbitLost("the map has a kink there")
 
     def elsewhere(self) -> "tuple[InPlane, ...]":
-        """None: a point of a border is in the section that suits it."""
+        """Return no points: a point of a border is in the section that suits it already."""
         return ()
 
     def settled(self, simplest: bool = True) -> "InPlane":
-        """The point with the unknowns of its own section."""
+        """Return the point with the unknowns of its own section."""
         found = self.found
         y = np.append(found.begin.y, found.orbit.parameters[self.other.name] / self.other.scale)
         same = found.begin.map.phase == self.near.begin.map.phase and y.size == self.y.size
+        # in another section only the parameters, the last two unknowns, are the same quantities
         along = self.tangent if same else self.tangent[-2:]
         return replace(self, near=found, y=y)._tangential(along)
 
     def on_plane(self, y: np.ndarray, normal: np.ndarray) -> "InPlane":
-        """The point of the curve on the plane through `y` across `normal`."""
+        """Return the point of the curve on the plane through `y` across `normal`."""
 
         def value(there: np.ndarray) -> tuple[np.ndarray, Any]:
             fails, extra = self._value(there)
@@ -77,25 +80,25 @@ class InPlane(Place):
         return replace(self, found=found, y=root.y)._tangential(self.tangent)
 
     def towards(self, other: "InPlane", part: float) -> "InPlane":
-        """The point itself: others are looked for on the line between them."""
+        """Return the point itself: points of a step are looked for on planes across the line between its ends."""
         return self
 
     def _system(self, y: np.ndarray) -> Any:
-        """The equations of the border at the second parameter."""
+        """Return the equations of the border at the second parameter of `y`."""
         return self.curve.system(self.other.map_at(self.near.begin.map, y[-1]), self.near)
 
     def _value(self, y: np.ndarray) -> tuple[np.ndarray, Any]:
         return self._system(y).value(y[:-1])
 
     def _derivative(self, y: np.ndarray) -> np.ndarray:
-        """Of all equations, shape (n, n + 1)."""
+        """Return the derivative of all equations by `y`, shape (n, n + 1)."""
         step = self.near.begin.map.step
         ahead, back = (self._value(y + by * step * np.eye(y.size)[-1])[0] for by in (1, -1))
         return np.column_stack([self._system(y).derivative(y[:-1]), (ahead - back) / (2 * step)])
 
     @singular_lost()
     def _tangential(self, along: np.ndarray) -> "InPlane":
-        """The point with its tangent, in the sense of `along`, of all unknowns or the last ones."""
+        """Return the point with its tangent in the sense of `along`, a vector of all unknowns or of the last ones."""
         slope = self._derivative(self.y)
         tangent = np.linalg.svd(slope)[2][-1]
         return replace(self, tangent=tangent if tangent[-along.size :] @ along >= 0 else -tangent, slope=slope)
@@ -105,7 +108,10 @@ class InPlane(Place):
         return self.curve.tests(self.found) | turns
 
     def to_end(self, span: tuple[float, float], points: int) -> "tuple[list[tuple[InPlane, str]], str]":
-        """The points of a curve from this one on, each with what is special there, and why it ends."""
+        """Follow the curve from this point on: return the points, and why the curve ends.
+
+        Each point stands beside the name of the meeting or turn there, "" if there is none.
+        """
         rows: list[tuple[InPlane, str]] = []
         edges = {value / self.other.scale: value for value in span}
         try:
@@ -119,7 +125,10 @@ class InPlane(Place):
 
 
 def _at_kink(found: Found) -> bool:
-    """Whether contacts change so near a point that its derivatives are of two maps; the name of a hop counts for nothing."""
+    """Return True if the sequence changes within the differences at a point, so that these mix two maps.
+
+    The symbols of long hops (far) do not count: the map is smooth where they change.
+    """
     fixed = found.orbit.fixed
     steps = 2 * fixed.map.step * np.eye(fixed.z.size)
     sequences = (fixed.map.image(fixed.z + d).passage.sequence for d in (0.0, *steps, *-steps))
@@ -139,7 +148,7 @@ def border_curve(
     sustained: bool = False,
     **fixed: float,
 ) -> xr.Dataset:
-    """A border as a curve in the plane of two parameters, which may turn round in either.
+    """Follow a border as a curve in the plane of two parameters, which may turn round in either.
 
     Parameters
     ----------
@@ -152,9 +161,9 @@ def border_curve(
     spin : float, optional
         Axial spin [rad s-1], as in `border`.
     start : PeriodicOrbit, optional
-        From which the first point is looked for.
+        Orbit from which the first point is looked for; by default as in `border`.
     points : int
-        Points to either side at most, special ones aside.
+        Greatest number of points to either side. Meetings and turns do not count.
     rtol : float
         Accuracy of the map [1].
     sustained : bool
@@ -166,10 +175,11 @@ def border_curve(
     -------
     xarray.Dataset
         Along `point`, from one end of the curve to the other: both parameters, the attributes of the border's
-        `PeriodicOrbit`, `loses_stability` and `doubling` as in `border`, and `meets`: the two borders that meet in a row
-        (hop-fold), or "turn" with the parameter in which the curve turns round there, each located to 1e-6 or better. At
-        flip-doubled_fold the fold of the orbit of twice the period ends on the flip (generalised flip). The attribute `ends`
-        says why the curve ends on either side, `cost` how many forcing periods of the map it took.
+        `PeriodicOrbit`, `loses_stability` and `doubling` as in `border`, and `meets`. This column names the two borders
+        that meet at a point (hop-fold), or has "turn" with the parameter in which the curve turns round. Both are
+        located to 1e-6 or better. At flip-doubled_fold the fold of the orbit of twice the period ends on the flip
+        (generalised flip). The attribute `ends` says why the curve ends on either side, `cost` how many forcing periods
+        of the map were run.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """Curves along which the sequence of an orbit changes.
 
-Where an end grazes, or a hop lasts half a period, the border is the zero of a function of the orbit (a mark), and Newton's
-method finds it from where the tangent of the curve leads. Elsewhere the orbit may leap, and the border is enclosed between two
-orbits.
+Where an end grazes, or a hop lasts half a period, the border is the zero of a function of the orbit (a mark). Newton's
+method finds it, from a guess along the tangent of the curve. At other changes the orbit may leap, and the border is
+enclosed between two orbits.
 """
 
 from collections.abc import Collection, Iterator
@@ -33,27 +33,36 @@ from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.passage import Sides, far_ends, rests, sides_of
 from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap, first_found, singular_lost
 
-WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0  # bracket of a change of sequence, in the parameter over its scale
-SAME_CHANGE = 1e-7  # distance of two changes of sequence that are one, in the parameter over its scale
-BENT = 1e-2  # difference of multipliers to one side of a point and to both, beyond which the map has a kink there
-NO_JUMP = 1e-8  # jump of an orbit at a change of sequence that is none, in units of the section
-CORNER = 2e-3  # distance of a point from where its curve leads, in the parameter over its scale, from which on it has a corner
-PARTS = 5  # halvings of a step of a branch in which a hop comes near its line
-DOUBT, LESS = 4e-3, 0.08  # of a point with one neighbour; of one on the line through two, in the step between them
-OPENED = (1e-2, 1e-1)  # ways along the branch, in units of the section, from which a grazing orbit is looked for
-MOST_DERIVATIVES = 3  # new derivatives at a point: where Newton's method asks for more, the motion is another one
-TANGENT_SHARE = 1e-3  # of the way to the next point, over which a derivative is taken
+# half widths of the bracket of a change of sequence, in the parameter over its scale: the greatest and the least one,
+# and the factor from one try to the next; rounding decides below the least one, for a bracket must hold the change
+WIDEST, NARROWEST, WIDER = 0.05, 2e-5, 4.0
+SAME_CHANGE = 1e-7  # distance below which two changes of sequence are one, in the parameter over its scale
+# difference of the sizes of multipliers by one-sided and by central differences, above which the map has a kink there
+BENT = 1e-2
+NO_JUMP = 1e-8  # jump of an orbit at a change of sequence that counts as zero, in units of the section
+# distance of a point from its guess, in the parameter over its scale and beyond the length of the step, above which
+# the curve has a corner
+CORNER = 2e-3
+PARTS = 5  # times that a step of a branch is halved where a hop comes near half a period
+# uncertainty of the parameter of a guess: with one neighbour, over its scale; on the line through two, as a part of
+# the step between them
+DOUBT, LESS = 4e-3, 0.08
+# distances along the branch, in units of the section, at which the search for a grazing orbit begins; the second is
+# tried where the first leads to none
+OPENED = (1e-2, 1e-1)
+MOST_DERIVATIVES = 3  # new derivatives at a point: where Newton's method needs more, it comes to another motion
+TANGENT_SHARE = 1e-3  # part of the way to the next point, over which the derivative along it is taken
 
 
 def comes_to_rest(point: Point) -> bool:
-    """Whether an end stays on the plate for a part of the period."""
+    """Return True if an end stays on the plate for a part of the period."""
     return rests(point.sequence)
 
 
 def crept(at: Point, mark: Mark) -> float:
-    """The parameter where a mark of the motion that drifts slowly is zero, near a fixed point at which it is.
+    """Return the parameter at which a mark of the slowly drifting motion is zero, near a fixed point with a zero mark.
 
-    The fixed point is another one in each section, the motion is not (see `manifold`).
+    The fixed point depends on the section, the drifting motion does not (see `manifold`).
     """
     along = cast(np.ndarray, at.mark_slope) @ at.tangent / at.tangent[-1]
     of_motion = mark(at.map, at.map.image(at.fixed.z + lag(at.fixed)))
@@ -61,13 +70,16 @@ def crept(at: Point, mark: Mark) -> float:
 
 
 def _has_turned(orbit: PeriodicOrbit) -> bool:
-    """Whether a branch has turned round between a stable orbit and this one: an odd number of multipliers are beyond 1."""
+    """Return True if a branch has turned round between a stable orbit and this one.
+
+    Then an odd number of real multipliers are greater than 1: one passes 1 at each turn.
+    """
     real = orbit.multipliers[np.abs(orbit.multipliers.imag) < COMPLEX].real
     return bool((real > 1).sum() % 2)
 
 
 class SequenceCurve(Curve):
-    """A curve along which the sequence changes: see `Curve`."""
+    """A curve along which the sequence of the orbit changes: see `Curve`."""
 
     many: ClassVar = True
 
@@ -88,9 +100,10 @@ class SequenceCurve(Curve):
         return columns
 
     def _from(self, orbit: PeriodicOrbit) -> Found:
-        """The first one met of all changes along the branch of a motion of which an end comes to rest, and the values of all.
+        """Return the first change met along the branch through an orbit, with all others in `others`.
 
-        Of a motion that comes to no rest others are not known: there steps lead from one piece of the branch to any other.
+        Others are only known of a motion in which an end comes to rest: without a rest, steps lead from one piece of
+        the branch to any other.
         """
         ways = self._ways(orbit)
         if not comes_to_rest(ways[0]):
@@ -107,7 +120,7 @@ class SequenceCurve(Curve):
         return kept[0]._replace(others=tuple(kept[1:]))
 
     def _taken_up(self, special: Special) -> Found:
-        """The point of the border at a special point of a branch."""
+        """Return the point of the border at a special point of a branch."""
         at, sides = special.point, sides_of(*special.sequences, self.kind.begins)
         smooth = special.jump < NO_JUMP and not at.grazes
         if smooth and (mark := self.kind.mark(sides)):
@@ -115,14 +128,14 @@ class SequenceCurve(Curve):
                 found = self._zero(at.map.parameters, at, sides, mark)
                 own, fast = multipliers_of(at.fixed)[0], found.orbit.multipliers
                 if own.size != fast.size or np.abs(np.abs(own) - np.abs(fast)).max() < BENT:
-                    return found  # without a kink of the map, across which its derivatives would be taken
+                    return found  # the map has no kink there: central derivatives are those of one map
         return self._found(at, sides, float(np.sign(at.tangent[-1])))
 
     def _is_met(self, special: Special) -> bool:
         return special.kind.of_sequence and self.kind in (ANY_CHANGE, special.kind)
 
     def _changes(self, begin: Point) -> Iterator[Special]:
-        """Changes of this kind along a branch, up to where it turns round, goes to pieces or is lost."""
+        """Yield the changes of this kind along a branch, until it turns round, falls to pieces or does not go on."""
         point, sense = begin, float(np.sign(begin.tangent[-1]))
         for _ in range(MOST_CHANGES):
             last = point
@@ -151,7 +164,10 @@ class SequenceCurve(Curve):
                     yield special
 
     def _parts(self, a: Point, b: Point, halvings: int) -> Iterator[tuple[Point, Point]]:
-        """A step of a branch, in parts in which what makes the change hardly comes to its line and goes back."""
+        """Divide a step of a branch into parts so short that no hop passes half a period twice within one part.
+
+        Yield both ends of each part.
+        """
         if self.kind.lines is not None and halvings:
             first, last = (self.kind.lines(point.fixed.image) for point in (a, b))
             if (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any():
@@ -163,7 +179,7 @@ class SequenceCurve(Curve):
         yield a, b
 
     def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
-        """Special points of a step, leaps among them, and whether it leads to orbits of which an end comes to rest."""
+        """Return the special points of a step with its leaps, and True if in the orbits beyond an end comes to rest."""
         found, leap = specials(a, b)
         if leap is None:
             return found, comes_to_rest(b)
@@ -171,9 +187,9 @@ class SequenceCurve(Curve):
         return [*found, leap, *further], goes_on
 
     def _to_pieces(self, ways: list[Point]) -> Found:
-        """The last orbit of which an end comes to rest: beyond it is a border for each number of bounces.
+        """Return the last orbit in which an end still comes to rest.
 
-        It is lost if the branch does not go to pieces.
+        Beyond it the branch falls into pieces, one for each number of bounces. Raise OrbitLost if it does not.
         """
         try:
             last = first_found(partial(last_that, comes_to_rest, way) for way in ways)
@@ -182,18 +198,22 @@ class SequenceCurve(Curve):
         return Found(orbit_of(last.fixed), last.value, last.settled())
 
     def _found(self, at: Point, sides: Sides, sense: float) -> Found:
-        """A point of the curve, in a section that suits the next one.
+        """Return a point of the curve in a section that suits the next point.
 
-        Beyond it the parameter changes in the `sense` (1 or -1); 0 where the map is smooth and only the sequence changes.
+        Beyond the change the parameter goes on in the `sense` (1 or -1). The sense is 0 where the map is smooth and
+        only the sequence changes.
         """
         if at.grazes:
-            sense = -float(np.sign(cast(np.ndarray, at.mark_slope)[-1]))  # the end strikes there
+            sense = -float(np.sign(cast(np.ndarray, at.mark_slope)[-1]))  # the end strikes where its gap falls
         leaps = sense != 0.0 and (self.kind.zero is None or at.grazes)
         loses = leaps and is_stable(at) and beyond_gap(is_stable, at, sense) is None
         return Found(orbit_of(at.fixed), at.value, at.settled(), sides, loses)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
-        """The point one step from neighbours, with all others that their motion has."""
+        """Find the point one step from neighbours, with the other changes of its motion.
+
+        Raise OrbitLost if the point is not found, or if two changes have come to one point.
+        """
         if near[0].sides is None or not rests(near[0].orbit.sequence):
             raise OrbitLost("the neighbour's motion comes to no rest")
         others = []
@@ -207,12 +227,14 @@ class SequenceCurve(Curve):
         return found
 
     def _one(self, given: dict[str, float], near: list[Found]) -> Found:
+        """Find one change a step from neighbours; raise OrbitLost if it belongs to another motion."""
         found = self._near(given, near)
         if not rests(found.orbit.sequence) or _has_turned(found.orbit) != _has_turned(near[0].orbit):
             raise OrbitLost("the point found is one of another motion")
         return found
 
     def _near(self, given: dict[str, float], near: list[Found]) -> Found:
+        """Find one change a step from neighbours: a graze, a zero of a mark, or enclosed between two orbits."""
         last, sides = near[0].begin, near[0].sides
         assert sides is not None
         if last.grazes:
@@ -230,14 +252,14 @@ class SequenceCurve(Curve):
         return found
 
     def _smooth(self, at: Point, last: Point, expected: float) -> None:
-        """Refuse a point that lies elsewhere than where its curve leads from the last one: beyond a corner are others."""
+        """Raise OrbitLost for a point far from its guess: beyond a corner of the curve lie points of another border."""
         if abs(at.y[-1] - expected) > CORNER + abs(expected - last.y[-1]):
             raise OrbitLost(f"the curve has a corner near {self.parameter} = {at.value:.6g}")
 
     # --- between two orbits ----------------------------------------------------------------------------------------
 
     def _guesses(self, near: list[Found]) -> Iterator[tuple[np.ndarray, float]]:
-        """Where a change is looked for, and how well its parameter over its scale is known there."""
+        """Yield guesses of a change (its unknowns), each with the uncertainty of its parameter over its scale."""
         y = self.extrapolated(near)
         if len(near) == 1:
             yield y, DOUBT
@@ -246,9 +268,10 @@ class SequenceCurve(Curve):
         yield self.extrapolated(near[:2]), LESS * abs(near[0].value - near[1].value) / self.axis.scale
 
     def _between(self, given: dict[str, float], near: Point, sides: Sides, y: np.ndarray, doubt: float) -> Found:
-        """The last orbit on this side of a change: between two orbits on both sides of the guess `y`.
+        """Return the last orbit on this side of a change, enclosed between two orbits on both sides of the guess `y`.
 
-        The guess has the parameter, over its scale, as its last entry, known to about `doubt`.
+        The last entry of the guess is the parameter over its scale, known to about `doubt`. Raise OrbitLost if the
+        sequence does not change there, or if another change lies nearer.
         """
         width = min(WIDEST, max(NARROWEST, doubt))
         while width <= WIDEST:
@@ -267,7 +290,10 @@ class SequenceCurve(Curve):
     # --- the zero of a mark ----------------------------------------------------------------------------------------
 
     def _graze(self, given: dict[str, float], near: Point, sides: Sides) -> Found:
-        """The orbit at which an end just misses the plate, and beyond which it strikes: found from where its gap is wider."""
+        """Return the orbit at which an end just misses the plate; the search begins at an orbit whose gap is wider.
+
+        Raise OrbitLost if no end grazes there.
+        """
         y, _ = self._ahead(given, near, least_gap)
         for opened in OPENED:
             with suppress(OrbitLost):
@@ -280,7 +306,7 @@ class SequenceCurve(Curve):
         )
 
     def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
-        """The orbit at which the function of the kind is zero."""
+        """Return the orbit at which a mark is zero; raise OrbitLost if it is far off or beyond the change."""
         y, known = self._ahead(given, near, mark)
         equations = _equations(self._beside(given, near, y), mark)
         at, _ = equations.solved(y, equations.derivative, known, MOST_DERIVATIVES)
@@ -290,15 +316,16 @@ class SequenceCurve(Curve):
         return self._at_zero(at, sides, mark)
 
     def _at_zero(self, at: Point, sides: Sides, mark: Mark) -> Found:
+        """Return the point of the curve at an orbit whose mark is zero, with derivatives taken anew."""
         at = with_derivatives(at, mark=mark)
         return self._found(at, sides, 0.0)._replace(value=crept(at, mark))
 
     @singular_lost()
     def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
-        """Where the curve leads from a neighbour along its tangent, and the derivative there of all equations.
+        """Extrapolate the curve from a neighbour along its tangent: return the unknowns and the equations' derivative.
 
-        The tangent follows from the image of the neighbour's point a little way towards the new parameters, or away from
-        them where an end begins to strike.
+        The tangent follows from the image of the neighbour's point at parameters a little nearer to the new ones. Where
+        an end begins to strike there, parameters a little further away are taken.
         """
         y, old = near.y, near.map.parameters
         if near.mark_slope is None:
@@ -318,7 +345,7 @@ class SequenceCurve(Curve):
     # --- in the plane of two parameters ------------------------------------------------------------------------------
 
     def _mark(self, near: Found) -> Mark:
-        """The function of the orbit that is zero on the border near a point; lost if there is none."""
+        """Return the function of the orbit that is zero on the border near a point; raise OrbitLost without one."""
         mark = self.kind.mark(near.sides) if near.sides else None
         if mark is None or near.begin.grazes:
             raise OrbitLost("the border has no equation there")
@@ -340,16 +367,16 @@ class SequenceCurve(Curve):
     # --- from a neighbour ------------------------------------------------------------------------------------------
 
     def _at(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
-        """The orbit at the parameter's value in `y`, in the section of a point nearby."""
+        """Return the orbit at the parameter of `y`, in the section of the point `near`."""
         return lent(self._beside(given, near, y), y, np.eye(y.size)[-1], MOST_DERIVATIVES)
 
     def _beside(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
-        """A point of a neighbour, to begin with at other values of the parameters."""
+        """Return the point of a neighbour with its map at other values of the parameters; it is no orbit there yet."""
         value = float(y[-1] * self.axis.scale)
         m = replace(near.map, parameters=given | {self.parameter: value})
         return near._replace(fixed=near.fixed._replace(map=m), value=value)
 
 
 def _equations(near: Point, mark: Mark) -> Equations:
-    """The equations of a point at which a mark is zero."""
+    """Return the equations of an orbit at which a mark is zero."""
     return Equations(near, lambda _, m, image: mark(m, image))

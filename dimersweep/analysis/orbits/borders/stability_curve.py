@@ -1,4 +1,4 @@
-"""The end of the stretch of a parameter over which an orbit is stable, as a border over other parameters."""
+"""Ends of stability as borders over other parameters: where an orbit ceases to be stable or to exist."""
 
 from collections.abc import Collection, Iterator
 from contextlib import suppress
@@ -16,14 +16,17 @@ from dimersweep.parameters import value_of
 
 
 class StabilityCurve(Curve):
-    """An end of the stretch of the parameter over which an orbit is stable, whatever ends it: see `Curve`."""
+    """A curve of least or greatest values of a parameter at which an orbit is stable, whatever ends it: see `Curve`."""
 
     alone: ClassVar = True
 
     def _starts(
         self, given: dict[str, float], start: PeriodicOrbit | None, reasons: list[str]
     ) -> Iterator[PeriodicOrbit]:
-        """Each point is found by itself, so that a start is carried there first."""
+        """Yield the orbits from which a point is looked for; a given start is first carried to the point's parameters.
+
+        Each point of such a curve is found by itself, and not from its neighbours.
+        """
         if start is not None:
             there = given | {self.parameter: value_of(self.parameter, start.parameters)}
             start = orbit_at(there, start.spin if self.sustained else self.spin, guess=start, rtol=self.rtol)
@@ -38,7 +41,7 @@ class StabilityCurve(Curve):
         return self._found(special)._replace(loses=True, by=special.kind.name)
 
     def _found(self, special: Special) -> Found:
-        """The point of the end, with the spin put back where it is a bifurcation, as on curves of those."""
+        """Return the point at an end of stability; at a bifurcation it has the spin put back, as its curve."""
         at = special.point
         if special.kind.rows:
             given = (self.parameter, self.given, self.spin, self.rtol, self.recorder)
