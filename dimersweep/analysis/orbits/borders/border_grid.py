@@ -265,7 +265,7 @@ def border(
     return _dataset(walk)
 
 
-def _dataset(walk: Walk) -> xr.Dataset:
+def _dataset(walk: GridWalk) -> xr.Dataset:
     """Return the points of a curve over its grid, and its meetings, as labelled data."""
     curve, axes, rows = walk.curve, walk.axes, list(walk.found.values())
     cost = {"cost": ([one.cost for one in rows], "forcing periods of the map that the point took")}
