@@ -1,7 +1,8 @@
-"""What a small tilt or a small sideways motion of the plate does to a circular orbit: the centre of the circle moves.
+"""The drift of the centre of a circular orbit on a plate with a small tilt or a small sideways motion.
 
-What the plate adds to a period turns with the heading, so that to first order the motion swings once in a round about that on
-the level plate. The way of a period turns, too, and its product with that swing has a mean: the velocity of the centre.
+The effect of such a plate on one period turns with the heading. So, to first order, the motion swings about the motion
+on the level plate, once in each round. The displacement in a period turns with the heading, too. Its product with the
+swing has a mean: the velocity of the centre.
 """
 
 from contextlib import suppress
@@ -21,17 +22,21 @@ from dimersweep.kernel.model.layout import THETA, X1, Y1
 from dimersweep.parameters import NOT_LEVEL, Parameters, spelt_out, updated
 from dimersweep.runs.run import Run
 
-HEADINGS = 17  # at which the swing is solved for; an odd number, so that the highest harmonic has a phase
-SMALL_PLATE, LITTLE = 1e-4, 0.01  # plate and swing of which the first order is taken
-SWING_KNOWN = 1e-5  # last step to a swing, in units of itself
-FIRST_ORDER, HELD = 0.05, 1.02  # share by which the first order may be off where it holds; ratio to which that is known
+# number of headings at which the swing is solved for; odd, so that the highest harmonic has a phase
+HEADINGS = 17
+# tilt [rad] or intensity [1], and size of the swing, from which the first order is taken: the smaller of both plates
+SMALL_PLATE, LITTLE = 1e-4, 0.01
+SWING_KNOWN = 1e-5  # last step of Newton's method to a swing, relative to the swing
+# relative error of the first order up to which it holds; ratio to which the limit, a tilt or an intensity, is known
+FIRST_ORDER, HELD = 0.05, 1.02
 
 
 class Swings:
-    """The motions about an orbit on shares of a plate that is not level, with the mean spin of the orbit.
+    """The motions near an orbit, at its mean spin, on a share of a plate's tilt and sideways intensity.
 
-    With a phase that goes on by the mean turn in each period, the point of the section and the heading less the phase are those
-    of the orbit and a swing, whose harmonics are solved for with the derivatives of the level plate.
+    A phase goes on by the mean turn of the heading in each period. The point of the section, and the heading less the
+    phase, are those of the orbit plus a swing, a function of the phase. The harmonics of the swing are solved for with
+    the derivatives of the level plate.
     """
 
     def __init__(self, orbit: PeriodicOrbit, plate: dict[str, float]) -> None:
@@ -44,8 +49,11 @@ class Swings:
 
     @singular_lost()
     def on(self, share: float, most: int = NEWTON_STEPS) -> tuple[float, complex, float]:
-        """Size of the swing on a share of the plate after one step, or as many as it takes (else it is lost); before the last
-        one, in a period of the orbit: the way of the centre along X and Y [m], and the change of the mean spin [rad/s].
+        """Solve for the swing on a share of the plate, in at most `most` steps of Newton's method.
+
+        Return the greatest swing, the displacement of the centre in a period of the orbit (X + i Y) [m], and the change
+        of the mean spin in it [rad/s]. The last two are those before the last step. With `most` = 1 one step is taken,
+        converged or not; else raise OrbitLost if the steps do not converge.
         """
         given = {name: share * value if name in NOT_LEVEL else value for name, value in self.plate.items()}
         m, n = replace(self.map, parameters=given), self.z.size
@@ -60,7 +68,7 @@ class Swings:
             way, drift = complex(*seen[:, n + 1 :].mean(axis=0)), float(left[0, m.slow].real) * m.unit
             turn += left[0, n].real
             A = shift[:, :, None] * np.eye(n + 1) - self.matrix
-            A[0, still], left[0, still] = np.eye(n + 1)[still], 0.0  # the mean of spin and phase stays
+            A[0, still], left[0, still] = np.eye(n + 1)[still], 0.0  # the means of spin and phase are given: they stay
             step = HEADINGS * np.fft.ifft(np.linalg.solve(A, left[:, :, None])[:, :, 0], axis=0).real
             swing, last, size = swing + step, size, np.abs(step).max()
             if size <= SWING_KNOWN * np.abs(swing).max() or most == 1:
@@ -71,7 +79,7 @@ class Swings:
 
 
 def _passed(m: ReturnMap, z: np.ndarray, heading: float) -> np.ndarray:
-    """The image of a point with a heading, its turn [rad], and the way along X and Y [m]; shape (n + 3,)."""
+    """Return the image of a point with a heading, its turn [rad] and displacement along X, Y [m], shape (n + 3,)."""
     state = m.state(z)
     state[THETA] = heading
     state, modes, _ = m.recorder.run(m.row, state, m.periods, m.rtol, path=True)
@@ -81,23 +89,24 @@ def _passed(m: ReturnMap, z: np.ndarray, heading: float) -> np.ndarray:
 
 
 class CentreDrift(NamedTuple):
-    """How the centre of the circle moves on a plate that is not level.
+    """The drift of the centre of a circular orbit on a plate that is not level.
 
     Attributes
     ----------
     orbit : PeriodicOrbit
-        On the level plate.
+        Orbit on the level plate.
     centre_velocity_x, centre_velocity_y : float
-        To first order, on the plate that was given [m s-1], as those of a run.
+        Velocity of the centre to first order, on the plate that was given [m s-1], as of a run.
     per_unit : float
-        Its size per radian of `tilt` [m s-1 rad-1], or per unit of `Gamma_x` or `Gamma_y` [m s-1].
+        Speed of the centre per radian of `tilt` [m s-1 rad-1], or per unit of `Gamma_x` or `Gamma_y` [m s-1].
     direction : float
-        Its angle from the direction that falls (`Gamma_x`: from X, `Gamma_y`: from Y), in the sense from X to Y [rad].
+        Angle of the velocity from the direction of descent (`Gamma_x`: from X, `Gamma_y`: from Y),
+        positive from X to Y [rad].
     holds_to : float
-        Tilt [rad] or intensity [1] up to which the velocity at this mean spin is off the first order by less than 5 %, less the
-        share of the spin that the plate takes or gives in a round.
+        Tilt [rad] or intensity [1] up to which the first order holds. Up to there the relative error of the velocity at
+        this mean spin, plus the relative change of the spin in a round, is at most 5 %.
     spin_drift : float
-        What the plate that was given adds to the orbit's, to second order [rad s-1 per forcing period].
+        Change of the spin that the plate adds to the orbit's own, to second order [rad s-1 per forcing period].
     """
 
     orbit: PeriodicOrbit
@@ -112,17 +121,19 @@ class CentreDrift(NamedTuple):
 def centre_drift(
     *, spin: float | None = None, guess: Run | PeriodicOrbit | None = None, rtol: float = RTOL, **parameters: float
 ) -> CentreDrift:
-    """How the centre of the circle moves on a plate with a small tilt or sideways motion, to first order and without a run.
+    """Compute the drift of the centre of a circle on a plate with a small tilt or sideways motion, to first order.
 
-    To first order all else is in the mean as on the level plate, and what several of `tilt`, `Gamma_x` and `Gamma_y` do adds
-    up. Given together they grow together: what is per unit, from a direction or a limit is that of the first of them.
+    No run is made. To first order, all other means are those on the level plate, and the effects of `tilt`, `Gamma_x`
+    and `Gamma_y` add up. If several are given, they grow together. Then `per_unit`, `direction` and `holds_to` refer to
+    the first of them, in this order.
 
     Parameters
     ----------
     spin, guess, rtol
-        Of the orbit on the level plate, as for `find`, with the periods of a guess; a run may be one on the plate given.
+        Spin, guess and accuracy of the orbit on the level plate, as for `find`, with the periods of the guess. A guess
+        may be a run on the plate that is given.
     **parameters : float
-        Of the model, with `tilt`, `Gamma_x` or `Gamma_y`.
+        Parameters of the model, with `tilt`, `Gamma_x` or `Gamma_y`.
 
     Returns
     -------
@@ -133,7 +144,7 @@ def centre_drift(
     ParameterError
         For an unknown parameter, a value that is not allowed, or a level plate.
     OrbitError
-        If there is no orbit, or it is no circle.
+        If there is no orbit, or if it is no circle.
 
     Examples
     --------

@@ -1,7 +1,8 @@
-"""The slow family: the orbits of all spins, and how a motion drifts slowly along them.
+"""The slow family: the orbits of one set of parameters at all spins, along which a motion slowly drifts.
 
-A dimer on a circular orbit gains or loses spin, so slowly that all else follows: it goes through the orbits of the family one
-after the other. The family is followed on the slow manifold, not on the fixed points of the fast part, which lie beside it.
+A dimer on a circular orbit gains or loses spin, so slowly that all other coordinates follow: the motion goes through
+the orbits of the family one after the other. The family is followed on the slow manifold. The fixed points of the
+fast part lie beside it.
 """
 
 from contextlib import suppress
@@ -31,13 +32,14 @@ from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_count, check_rtol, pair_of
 
 MISSING_OVER = 0.02  # part of the spin over which orbits may be missing, where a sequence just changes
-SHORTEST = 1 / 128  # step on the way from one spin to the next, in the whole of it
-THROUGH = 3  # points of the family through which the next one is looked for
-BEGIN_AT = (0.5, 0.25, 0.75, 0.0, 1.0)  # parts of the range of spins at which a first orbit is looked for
+SHORTEST = 1 / 128  # shortest step between two spins asked for, as a part of their distance
+THROUGH = 3  # points of the family through which a parabola leads to the next one
+# parts of the range of spins at which a first orbit is looked for, in the order of trial
+BEGIN_AT = (0.5, 0.25, 0.75, 0.0, 1.0)
 
 
 def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, **parameters: float) -> xr.Dataset:
-    """The orbits of one set of parameters at all spins.
+    """Find the orbits of one set of parameters over a range of spins.
 
     Parameters
     ----------
@@ -48,19 +50,19 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
     rtol : float
         Accuracy of the map [1].
     **parameters : float
-        Of the model.
+        Parameters of the model.
 
     Returns
     -------
     xarray.Dataset
-        Along `spin`: the attributes of a `PeriodicOrbit`, as far as the family goes, over changes of sequence. Spins at which
-        the sequence just changes may be missing. The attributes `low_end` and `high_end` say why the family ends ("asked
-        for" where it does not), `cost` how many forcing periods of the map it took.
+        Along `spin`: the attributes of a `PeriodicOrbit`, as far as the family goes, over changes of sequence. Spins at
+        which the sequence just changes may be missing. The attributes `low_end` and `high_end` say why the family ends
+        ("asked for" where it does not), `cost` how many forcing periods of the map were run.
 
     Raises
     ------
     ParameterError
-        For an unknown parameter or a range that is none.
+        For an unknown parameter, or if the first spin is not below the second.
     OrbitError
         If there is no orbit at any of the spins.
 
@@ -98,7 +100,7 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
 
 
 def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[float, float]:
-    """The least and the greatest spin [rad/s]; refuses what is no range of spins."""
+    """Return the least and the greatest spin [rad/s]; raise ParameterError if `spin` is no range of spins."""
     both = pair_of("spin", spin, "the least and the greatest spin")
     low, high = (checked_spin(each, given) for each in both)
     if low >= high:
@@ -107,11 +109,14 @@ def spin_range(spin: tuple[float, float], given: dict[str, float]) -> tuple[floa
 
 
 def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[dict[int, PeriodicOrbit], str]:
-    """The family from an orbit through spins, in their order: over changes of sequence, and over spins that just have no orbit.
+    """Follow the family from an orbit through `spins`, in their order.
 
-    The first one is from `on_family`. With `runs` the walk goes where runs go: on with another family where the spin of a
-    motion slowly drifts over the end of this one, but not along the branch of fixed points. It returns the orbits by the
-    number of their spin, and why the family ends before the last spin; "asked for" if it does not.
+    The walk leads over changes of sequence, and over a short range of spins without an orbit. The first orbit is from
+    `on_family`. With `runs` the walk goes where runs go. Then it goes on with another family where the spin of a motion
+    drifts over the end of this one, but not along the branch of fixed points.
+
+    Return the orbits by the number of their spin, and why the family ends before the last spin;
+    "asked for" if it does not.
     """
     found: dict[int, PeriodicOrbit] = {}
     last, k, missed = [first], 0, 0
@@ -124,7 +129,7 @@ def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[d
             if k + 1 < len(spins) and (missed == 1 or _near(last[0].spin, spin)):
                 k += 1
                 continue
-            k -= missed - 1  # that which was missed first
+            k -= missed - 1  # back to the first spin that was missed
             if runs:
                 return found, "the run comes to no orbit"
             try:
@@ -137,9 +142,10 @@ def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[d
 
 
 def _next(last: list[PeriodicOrbit], spin: float, leaps: bool) -> PeriodicOrbit:
-    """The orbit at another spin, along the family or by a run, by way of spins between where that fails.
+    """Find the orbit at another spin, along the family or by a run; where both fail, by way of spins between.
 
-    `last` are those before, the nearest first; see `walk` for leaps.
+    `last` has the orbits before, the nearest first. With `leaps`, a run in the sense of the drift may
+    lead to another family.
     """
     begin = last[0].spin
 
@@ -152,15 +158,15 @@ def _next(last: list[PeriodicOrbit], spin: float, leaps: bool) -> PeriodicOrbit:
 
 
 def _near(a: float, b: float) -> bool:
-    """Whether orbits may be missing from one spin to the other."""
+    """Return True if two spins are so near that orbits may be missing between them."""
     return abs(a - b) <= MISSING_OVER * abs(b)
 
 
 def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
-    """The orbit at another spin, along the family; `last` are those before, the nearest first.
+    """Find the orbit at another spin, along the family; `last` has the orbits before, the nearest first.
 
-    It is lost if there is none nearby, or one so far from where the family leads that it may be another one's. Where an event
-    lies near its section, it is given in another one in which it is found.
+    Raise OrbitLost if there is no orbit nearby, or if it lies so far from its guess that it may belong to another
+    family. Where an event lies near its section, the orbit is returned in another section in which it is found.
     """
     near = last[0].fixed
     m = near.map
@@ -183,9 +189,10 @@ def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
 
 
 def run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
-    """The motion at another spin that a run from an orbit settles on, at most so far from where the orbit leads.
+    """Return the motion at another spin that a run from an orbit settles on.
 
-    It is lost if the orbit is not stable, or the run does not come to one.
+    It lies at most `most` from where the orbit leads, in units of the section. Raise OrbitLost if the orbit is not
+    stable, or if the run does not come to an orbit.
     """
     for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
         with suppress(OrbitLost):
@@ -196,7 +203,7 @@ def run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
 
 
 def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
-    """The orbit at another spin along the branch of fixed points; if that does not lead there, it says why the family ends."""
+    """Find the orbit at another spin along the branch of fixed points; raise OrbitLost, with why the family ends."""
     fixed = solve(last.fixed.map, last.fixed.z, last.spin)
     rows, end, _ = traced(orbit_of(fixed), "spin", spin, sequences=False)
     if not end.startswith("to:"):
@@ -211,5 +218,5 @@ def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
 
 
 def on_family(m: ReturnMap, slow_motion: SlowMotion) -> PeriodicOrbit:
-    """The orbit of a motion of the family; its `fixed` is where the motion is, with the derivatives there."""
+    """Return the orbit of a motion of the family; its `fixed` lies at the motion, with the derivatives there."""
     return orbit_of(fixed_at(m, slow_motion.z, slow_motion.image, slow_motion.residual), slow_motion)

@@ -1,4 +1,4 @@
-"""Where a motion is after any time: its spin drifts along the slow family, to a sustained spin, or over ends of the family."""
+"""The motion after any time: its spin drifts along the slow family, to a sustained spin or over an end of it."""
 
 from collections.abc import Mapping, Sequence
 from math import isnan
@@ -17,14 +17,14 @@ from dimersweep.inputs import as_number
 
 
 class Leap(NamedTuple):
-    """A way over the end of a sheet of the slow family.
+    """A leap of the motion over the end of a sheet of the slow family.
 
     Attributes
     ----------
     after : float
-        Forcing periods after which the motion comes to it.
+        Forcing periods from the start to the leap.
     spin, radius : tuple of float
-        Before and after it [rad s-1], [m].
+        Spin and radius before and after the leap [rad s-1], [m].
     """
 
     after: float
@@ -33,18 +33,19 @@ class Leap(NamedTuple):
 
 
 class Later(NamedTuple):
-    """A motion some periods on.
+    """The motion some time after a given one, as `later` returns it.
 
     Attributes
     ----------
     spin : float
-        After the double impact [rad s-1].
+        Axial spin after the double impact [rad s-1].
     radius, period, zeta : float
-        Of the orbit [m, s, rad]; radius and period are NaN in a plane, where the spin is 0.
+        Radius, period and angle of the orbit [m, s, rad]. Radius and period are NaN in a plane, where the spin is 0.
     mode : str
-        That of the run, where the motion has left the slow family; its numbers are NaN unless it is a drift. Else none.
+        Mode of the run where the motion has left the slow family; the numbers are then NaN unless the mode is a
+        drift. Empty on the family.
     leaps : tuple of Leap
-        On the way; of the rounds of a cycle those of the first.
+        Leaps on the way; in a cycle those of the first round.
     """
 
     spin: float
@@ -71,19 +72,21 @@ def later(
 ) -> Later:
     """Return the motion some time after it had a given spin, by integration of the slow rate.
 
-    The spin obeys s(n + 1) = s(n) + d(s(n)); the flow ds/dn = d - d d'/2 has this map to second order. Where d falls through
-    zero as the spin grows, the motion comes to that spin and keeps it. From an orbit the motion is followed for any time: over
-    changes of the symbol sequence, and by a run over the end of the family, to another one or to what is none.
+    The spin obeys s(n + 1) = s(n) + d(s(n)); the flow ds/dn = d - d d'/2 has this map to second order. Where d falls
+    through zero as the spin grows, the motion comes to that spin and keeps it. From an orbit the motion is followed for
+    any time, over changes of the symbol sequence. A run leads over the end of the family, to another family or to a
+    motion that is on none.
 
     Parameters
     ----------
     family : PeriodicOrbit or xarray.Dataset
-        The stable orbit that the motion is on, or a table from `family`, within which it stays.
+        Stable orbit that the motion is on, or a table from `family`, within which the motion stays.
     spin : float, optional
-        Of a table: axial spin after the double impact, as in `Run.orbit.spin` [rad s-1]. An orbit has its own.
+        Only with a table: axial spin after the double impact, as in `Run.orbit.spin` [rad s-1]. An
+        orbit has its own spin.
     periods : float, optional
-        Time in forcing periods, forwards; backwards, as far as the family goes, if negative. From an orbit also inf: where the
-        spin comes to in the end.
+        Time in forcing periods. A negative time leads backwards, as far as the family goes. From an orbit it may be
+        inf: the limit of the spin after a long time.
     seconds : float or str, optional
         In place of `periods`: time [s], or a text with its unit, such as "3 h".
 
@@ -94,10 +97,10 @@ def later(
     Raises
     ------
     ParameterError
-        If the spin is beyond the family, or the motion comes to its end before; if there is no end of the motion; if not one of
-        `periods` and `seconds` is given.
+        If the spin is outside the family, or the motion reaches an end of the family before; for an infinite time, if
+        the spin goes to and fro for good; if both or neither of `periods` and `seconds` are given.
     OrbitError
-        For an infinite time, if it cannot be told where the motion comes to.
+        For an infinite time, if the limit of the motion is not found.
 
     Examples
     --------
@@ -134,7 +137,10 @@ def later(
 
 
 def _time(periods: Any, seconds: Any, known: Mapping[Any, Any], *, endless: bool = False) -> float:
-    """Return a time in forcing periods, for parameters that are known; raise a ParameterError unless it is given once."""
+    """Return a time in forcing periods; raise ParameterError unless just one of `periods` and `seconds` is given.
+
+    The forcing frequency is `known["f"]`. An infinite time is allowed if it may be `endless`.
+    """
     if (periods is None) == (seconds is None):
         raise ParameterError("periods: give either periods or seconds, such as seconds='3 h'")
     name, time, units = ("periods", periods, "1") if seconds is None else ("seconds", seconds, "s")
@@ -144,7 +150,7 @@ def _time(periods: Any, seconds: Any, known: Mapping[Any, Any], *, endless: bool
 
 
 def _within_family(stretches: list[Stretch], spin: float, periods: float) -> float:
-    """The spin after some periods; refuses what leads over an end."""
+    """Return the spin after some periods; raise ParameterError if the motion reaches an end of the family before."""
     at_end, left = drifted(stretches, spin, periods)
     if left:
         ends = f"the motion comes to the end of the family after {abs(periods - left):.0f}"
@@ -153,14 +159,14 @@ def _within_family(stretches: list[Stretch], spin: float, periods: float) -> flo
 
 
 def _after(orbit: PeriodicOrbit, periods: float) -> Later:
-    """The motion some periods after it was on an orbit."""
+    """Return the motion some forcing periods after it was on an orbit."""
     flow = flow_of(orbit, whole=periods < 0)
     if periods < 0 and orbit.spin_drift:
         sheet = flow.sheets[flow.sheet_of(orbit)]
         return _at(sheet, _within_family(sheet.stretches, orbit.spin, periods))
     left, begin = periods, orbit
     leaps: list[Leap] = []
-    seen: dict[int, float] = {}  # periods that were left as a motion came to each arrival first
+    seen: dict[int, float] = {}  # periods left when the motion first came to each arrival, by its identity
     way = flow.way(orbit)
     while True:
         try:
@@ -188,12 +194,12 @@ def _after(orbit: PeriodicOrbit, periods: float) -> Later:
                 f"periods = inf: the spin goes to and fro, from {leg.begin.spin:.6g} to {leg.to:.6g} rad/s"
             )
         else:
-            left %= seen[number] - left
+            left %= seen[number] - left  # whole rounds of the cycle are left out
         seen.setdefault(number, left)
 
 
 def _at(sheet: Sheet, spin: float, leaps: Sequence[Leap] = ()) -> Later:
-    """The motion of a spin on a sheet; where it has no orbit just there, with the circle of the nearest."""
+    """Return the motion at a spin of a sheet; where no orbit is found, with the circle of the nearest orbit."""
     try:
         orbit = sheet.at(spin)
     except OrbitLost:
@@ -202,7 +208,7 @@ def _at(sheet: Sheet, spin: float, leaps: Sequence[Leap] = ()) -> Later:
 
 
 def _by_run(orbit: PeriodicOrbit, periods: float, leaps: list[Leap]) -> Later:
-    """By a run from an orbit."""
+    """Return the motion after a run of some forcing periods from an orbit."""
     run = orbit.run(max(1, round(periods)), record=False)
     if not run.orbit:
         return Later(np.nan, np.nan, np.nan, np.nan, run.mode, tuple(leaps))

@@ -1,11 +1,13 @@
-"""What a periodic motion looks like, whoever came to it: its period, its sequence, and its place at the same spin.
+"""Features of a periodic motion, from a run or an orbit: its period, its sequence, and its place at a spin.
 
-The place is taken where no event can make it jump: the gaps of both ends at eight phases of the plate in each of its
-periods, and the turn of the heading in one of them. Where these agree at the same axial spin, so do all other coordinates.
+The place has quantities that do not jump at an event: the gaps of both ends at eight phases of the plate in
+each period, and the mean turn of the heading in a period. Where these agree at the same axial spin, so do
+all other coordinates.
 
-On a level plate the mirror image of a motion is a motion: in the vertical plane of its axis the heading's turn and the spin
-change their signs. If the ends are alike, the two may also change places. With mirrors the spin of a motion is not
-negative; what is left is the image with both.
+On a level plate the mirror image of a motion is a motion: a mirror in the vertical plane of the dimer's axis changes
+the signs of the spin and of the heading's turn. If the ends are alike, they may also change places. With mirrors, of a
+motion and its image in that plane the one with a spin that is not negative stands for both. The other image, with both
+changes, is compared in `shifted`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,31 +24,34 @@ from dimersweep.kernel.model.layout import D1, D2, SPIN, THETA
 from dimersweep.parameters import value_of
 from dimersweep.symbols import ENDS
 
-VIEWS = TURN * np.arange(8) / 8  # phases of the plate at which the gaps are taken
-ALIKE_WITHIN = 0.02  # places at the same spin that are one, in units of g/omega^2
-REPEATS_WITHIN = 1e-3  # places in two periods of the plate that are one, in the same units
-MOST_BENT = 0.2  # place of a family beside its interpolation at most, in the same units
-CARRIED_TO = 9  # spins at which the orbits of a family are found; between them its place is interpolated
+VIEWS = TURN * np.arange(8) / 8  # phases of the plate at which the gaps are taken [rad]
+ALIKE_WITHIN = 0.02  # distance below which two places at the same spin are one motion, in units of g/omega^2
+REPEATS_WITHIN = 1e-3  # distance below which the places in two periods of the plate are the same, in the same units
+MOST_BENT = 0.2  # greatest distance of a family from its interpolation, in the same units: beyond lies another motion
+CARRIED_TO = 9  # number of spins at which the orbits of a family are found; its place is interpolated between them
 
 
 class Mirrors(NamedTuple):
-    """Which images of a motion count as the motion."""
+    """The mirror images that count as the same motion."""
 
-    plane: bool  # that in the vertical plane of its axis
-    ends: bool  # that with both ends in each other's place
+    plane: bool  # whether the image in the vertical plane of its axis does
+    ends: bool  # whether the image with exchanged ends does
 
 
 class Features(NamedTuple):
-    """What a periodic motion looks like."""
+    """The features by which periodic motions are compared."""
 
     periods: int  # forcing periods after which it repeats
-    sequence: str  # see `passage`; with mirrors of the ends the one of both sequences that sorts first
+    sequence: str  # symbol sequence, see `passage`; with mirrors of the ends, that of both images which sorts first
     spin: float  # mean axial spin at the times of the gaps [rad/s]
     gaps: np.ndarray  # gaps of both ends at `VIEWS` of each plate period, in units of g/omega^2, shape (periods, 8, 2)
-    turn: float  # turn of the heading in a forcing period, as the way of an end in units of g/omega^2
+    turn: float  # mean turn of the heading in a forcing period, times half the length, in units of g/omega^2
 
     def least_period(self) -> int:
-        """The fewest forcing periods after which the place repeats: fewer than `periods` on a branch that has joined one."""
+        """Return the fewest forcing periods after which the place repeats.
+
+        They are fewer than `periods` where a branch of longer period has joined one of a shorter period.
+        """
         for n in range(1, self.periods):
             if self.periods % n == 0 and np.abs(self.gaps - np.roll(self.gaps, n, axis=0)).max() < REPEATS_WITHIN:
                 return n
@@ -54,13 +59,13 @@ class Features(NamedTuple):
 
 
 def mirrors_of(parameters: Mapping[str, float], wanted: bool) -> Mirrors:
-    """The images that count as one, if they are wanted: that of the ends only where these are alike."""
+    """Return the images that count as one motion: none unless `wanted`, that of the ends only if these are alike."""
     alike = all(value_of(one, parameters) == value_of(two, parameters) for one, two in ENDS.values())
     return Mirrors(wanted, bool(wanted and alike and value_of("k_ratio", parameters) == 1))
 
 
 def features_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Features:
-    """The features of a motion from its record over one of its periods, which begins at the section of `m`."""
+    """Return the features of a motion from its record over one period, which begins at the section of `m`."""
     whole = TURN * m.periods
     times = np.mod(VIEWS - m.phase + TURN * np.arange(m.periods)[:, None], whole)
     states, _ = m.states(passage, times.ravel())
@@ -79,27 +84,30 @@ def features_of(m: ReturnMap, passage: Passage, mirrors: Mirrors) -> Features:
 def features_from(
     parameters: Mapping[str, float], start: np.ndarray, periods: int, rtol: float, recorder: Recorder, mirrors: Mirrors
 ) -> Features:
-    """The features of the motion that a run has come to, and that repeats after so many forcing periods; see `at_end`."""
+    """Return the features of the motion at the end of a run, which repeats after `periods` forcing periods.
+
+    `start` is that end, as for `at_end`.
+    """
     m, state = at_end(parameters, start, periods, rtol, recorder)
     _, _, passage = recorder.run(m.row, state, periods, rtol)
     return features_of(m, passage, mirrors)
 
 
 def features_of_orbit(orbit: PeriodicOrbit, mirrors: Mirrors) -> Features:
-    """The features of an orbit, at its spin."""
+    """Return the features of an orbit, at its spin."""
     return features_of(orbit.fixed.map, orbit.slow_motion.image.passage, mirrors)
 
 
 def apart(a: Features, b: Features, mirrors: Mirrors) -> float:
-    """How far two places are apart, in units of g/omega^2, whatever the spin; inf for other periods.
+    """Return the distance of two places, in units of g/omega^2; inf if the motions have different periods.
 
-    Which of its periods a motion of period n begins with does not count.
+    The spins are not compared. A motion of period n may begin with any of its n periods.
     """
     return shifted(a, b, mirrors)[0]
 
 
 def shifted(a: Features, b: Features, mirrors: Mirrors) -> tuple[float, Features]:
-    """How far two places are apart, see `apart`, and the image of `b` that lies nearest."""
+    """Return the distance of two places, see `apart`, and the image of `b` that lies nearest to `a`."""
     if a.periods != b.periods:
         return float("inf"), b
     images = [b, b._replace(gaps=b.gaps[..., ::-1], turn=-b.turn)] if mirrors.ends else [b]
@@ -110,10 +118,10 @@ def shifted(a: Features, b: Features, mirrors: Mirrors) -> tuple[float, Features
 
 
 class Carried:
-    """The place of an orbit along its slow family, so that motions are compared with it at their own spin.
+    """The place of an orbit along its slow family: motions are compared with the orbit at their own spin.
 
-    The family is entered at the orbit, and followed as far as it goes between the least and the greatest of `spins`, as
-    features have them.
+    The family is followed from the orbit as far as it goes between the least and the greatest of `spins`. These are
+    mean axial spins, as in `Features` [rad/s].
     """
 
     def __init__(self, orbit: PeriodicOrbit, spins: Sequence[float], mirrors: Mirrors) -> None:
@@ -130,8 +138,8 @@ class Carried:
     def _followed(
         self, begin: PeriodicOrbit, view: Features, spins: np.ndarray
     ) -> list[tuple[PeriodicOrbit, Features]]:
-        """The family at `spins`, as far as it goes from one that is known, and what it looks like there."""
-        after = begin.spin / view.spin if view.spin else 1.0  # spin after the impact over the mean
+        """Follow the family from a known orbit through mean `spins`; return each orbit with its features."""
+        after = begin.spin / view.spin if view.spin else 1.0  # spin after the impact over the mean spin
         found = []
         for one in walk(begin, after * spins, runs=True)[0].values():
             view = shifted(view, features_of_orbit(one, self.mirrors), self.mirrors)[1]
@@ -139,7 +147,7 @@ class Carried:
         return found
 
     def at(self, spin: float) -> Features | None:
-        """The family at a spin, or None where it was not found."""
+        """Return the features of the family, interpolated at a mean spin [rad/s], or None where it was not found."""
         one, slack = self.views[0], MISSING_OVER * max(1.0, abs(spin))
         spins = [view.spin for view in self.views]
         if not spins[0] - slack <= spin <= spins[-1] + slack:
@@ -149,9 +157,10 @@ class Carried:
         return one._replace(spin=spin, gaps=np.reshape(gaps, one.gaps.shape), turn=turn)
 
     def apart(self, motion: Features) -> float:
-        """How far a motion is from the family at its own spin, see `apart`; inf where the family was not found.
+        """Return the distance of a motion from the family at its own spin, see `apart`; inf where no family was found.
 
-        Where the family bends or leaps it may be far from its interpolation: there it is followed to that spin.
+        Where the family bends or leaps it may lie far from its interpolation: there it is followed to
+        the spin of the motion.
         """
         here = self.at(motion.spin)
         far = float("inf") if here is None else apart(here, motion, self.mirrors)

@@ -1,7 +1,7 @@
-"""Sheets of the slow family: how the spin drifts on each of them, and where it stands still.
+"""Sheets of the slow family: the drift of the spin on each of them, and the spins at which nothing drifts.
 
-A *sheet* is a stretch of the family over which the motion changes steadily with the spin, kinks where the symbol sequence
-changes among it. It ends where the motion leaps to another one, ceases to be stable, or ceases.
+A *sheet* is a stretch of the family over which the motion changes continuously with the spin. It may have kinks where
+the symbol sequence changes. It ends where the motion leaps to another one, becomes unstable, or ceases to exist.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,35 +23,51 @@ from dimersweep.analysis.orbits.map.poincare import JOINED, OrbitLost, first_fou
 from dimersweep.analysis.orbits.slow.families import SHORTEST, on_family, run_onto, step_along
 from dimersweep.errors import ParameterError
 
-# steps of the spin, as shares of it or of `SLOW_SPIN`: the first, the longest, that after a change of sequence; their growth
+# steps of the spin, relative to it or to `SLOW_SPIN`: the first, the longest, the one after a change of sequence
+# (short, since the extrapolation leads over no kink); their growth from one to the next
 FIRST, WIDEST_STEP, AFTER_CHANGE, GROWTH = 0.02, 0.05, 3e-4, 1.5
-SLOW_SPIN = 0.1  # spin below which steps are no shorter, in units of the section
-LEAPT = 3.0  # way of a motion over a step, in units of that which the step before leads to expect, beyond which it has leapt
-ROUNDED = 1e-4  # of such a way, in units of the section, that rounding may add
-SLOPE_OVER = (0.05, 0.2, 0.01)  # shares of a step over which the slope of the drift is taken, in the order of trial
-UNSEEN_BEND = 0.01  # share of the drift by which a change of sequence may bend its course unseen
-ON_SHEET, NEAR_SHEET = 1e-4, 1e-3  # shares by which numbers of one orbit may differ; from those between its neighbours
-SAME_DRIFT = 0.5  # share by which the drift of one motion may differ; of two that slip for other times it is a multiple
-MOST_POINTS = 1000  # of a sheet to either side
-TAKEN_UP = (1e-3, 5e-3, 0.02)  # shares of the spin beyond an orbit at which one is looked for by a run, in this order
-STEEPEST = 0.1  # change of the drift with the spin in a period, beyond which it is no slow one, as at an end
-SWING = 5e-3  # of the greatest value, by which a spline may lie beyond those between which it goes
-NEUTRAL = "kept"  # the kind of a spin that nothing changes
-OVER_THE_END = 1e-7  # of the greatest spin, by which rounding may lead over an end of a family
+# spin below which steps do not shorten with it, in units of the section: with it they would never come to 0
+SLOW_SPIN = 0.1
+# displacement of a motion over a step, relative to the extrapolation of the step before, above which
+# the motion has leapt
+LEAPT = 3.0
+ROUNDED = 1e-4  # displacement that rounding may add, in units of the section
+SLOPE_OVER = (0.05, 0.2, 0.01)  # parts of a step over which the slope of the drift is taken, in the order of trial
+# relative change by which a change of sequence may bend the course of the drift without a new stretch: with 0, a
+# bouncing motion costs nine times the periods
+UNSEEN_BEND = 0.01
+# relative difference of the numbers of one orbit: found twice at its spin; found once, and
+# interpolated between neighbours
+ON_SHEET, NEAR_SHEET = 1e-4, 1e-3
+# relative difference of the drift of one motion; two motions that slip for different times have drifts
+# that differ by more
+SAME_DRIFT = 0.5
+MOST_POINTS = 1000  # points of a sheet to either side of its first one at most
+# parts of the spin by which a run is made beyond an orbit to find the next one, in the order of trial
+TAKEN_UP = (1e-3, 5e-3, 0.02)
+# greatest slope of the drift (change per period) over the spin: near an end, as beside a fold, it is
+# steeper, and not slow
+STEEPEST = 0.1
+# part of the greatest value by which a spline may lie outside of two neighbouring values: beside a
+# fold it swings by 2 %
+SWING = 5e-3
+NEUTRAL = "kept"  # kind of a spin at which the drift is zero for all spins nearby
+OVER_THE_END = 1e-7  # part of the greatest spin by which rounding may lead over an end of a family
 
 
 class Stretch(NamedTuple):
     """A part of a family over which the rate of the spin is smooth."""
 
     low: float  # least spin [rad/s]
-    high: float
+    high: float  # greatest spin [rad/s]
     rate: CubicSpline | Akima1DInterpolator  # ds/dn per forcing period, over the spin
 
 
 def stretch_of(points: np.ndarray, periods: int = 1) -> Stretch:
-    """The stretch through points of ascending spin and its change per forcing period, of a motion that repeats after some.
+    """Return the stretch through points (spin, drift), shape (n, 2), of ascending spin.
 
-    s(n + 1) = s(n) + d(s(n)) is to second order what the flow ds/dn = d - d d'/2 does in one step.
+    The drift d is the change of the spin per forcing period [rad/s], the mean over the `periods` after which the motion
+    repeats. The map s(n + 1) = s(n) + d(s(n)) is to second order one step of the flow ds/dn = d - d d'/2.
     """
     spins, drift = points.T
     slope = np.clip(_along(spins, drift).derivative()(spins), -STEEPEST, STEEPEST)
@@ -60,7 +76,7 @@ def stretch_of(points: np.ndarray, periods: int = 1) -> Stretch:
 
 
 def _along(spins: np.ndarray, values: np.ndarray) -> CubicSpline | Akima1DInterpolator:
-    """Values over the spin: a spline, unless it swings, as beside an end, where they bend sharply."""
+    """Interpolate values over the spin: by a cubic spline, or by Akima's if the spline overshoots, as beside an end."""
     spline = CubicSpline(spins, values)
     middle = spline(0.5 * (spins[1:] + spins[:-1]))
     beyond = np.abs(middle - np.clip(middle, np.minimum(values[1:], values[:-1]), np.maximum(values[1:], values[:-1])))
@@ -71,15 +87,15 @@ def _along(spins: np.ndarray, values: np.ndarray) -> CubicSpline | Akima1DInterp
 
 @dataclass
 class Sheet:
-    """Orbits of a stretch of the slow family, by ascending spin, and why it ends below and above; none where it goes on."""
+    """A sheet of the slow family: its orbits, and why it ends."""
 
-    orbits: list[PeriodicOrbit]
-    low_end: str
-    high_end: str
+    orbits: list[PeriodicOrbit]  # by ascending spin
+    low_end: str  # why it ends at its least spin; "" if it goes on
+    high_end: str  # why it ends at its greatest spin; "" if it goes on
 
     @cached_property
     def stretches(self) -> list[Stretch]:
-        """From one change of sequence to the next, and over the changes, by ascending spin."""
+        """Stretches with a smooth rate, by ascending spin: between changes of sequence, and over each change."""
         points = np.array([(one.spin, one.spin_drift) for one in self.orbits])
         changes = [k for k in range(1, len(self.orbits)) if self._bends(k)]
         parts = np.split(points, changes)
@@ -88,7 +104,7 @@ class Sheet:
         return [stretch_of(one, self.orbits[0].periods) for one in found if len(one) > 1]
 
     def _bends(self, k: int) -> bool:
-        """Whether the rate is not smooth between an orbit and the one before: it leaps, or bends with the sequence."""
+        """Return True if the rate leaps, or bends with the sequence, between orbit `k` and the one before."""
         a, b = self.orbits[k - 1 : k + 1]
         if _leaps(a, b):
             return True
@@ -97,17 +113,17 @@ class Sheet:
 
     @cached_property
     def spins(self) -> np.ndarray:
-        """Of the orbits [rad/s]."""
+        """Spins of the orbits, ascending [rad/s]."""
         return np.array([one.spin for one in self.orbits])
 
     def at(self, spin: float) -> PeriodicOrbit:
-        """The orbit of a spin; lost if it is found from neither of the two that it lies between."""
+        """Return the orbit at a spin; raise OrbitLost if neither of its neighbours leads to it."""
         above = int(np.clip(np.searchsorted(self.spins, spin), 1, self.spins.size - 1))
         near = sorted(self.orbits[above - 1 : above + 1], key=lambda one: abs(one.spin - spin))
         return near[0] if near[0].spin == spin else first_found(partial(step_along, [one], spin) for one in near)
 
     def holds(self, orbit: PeriodicOrbit) -> bool:
-        """Whether an orbit is one of the sheet."""
+        """Return True if an orbit is on the sheet."""
         if not self.spins[0] <= orbit.spin <= self.spins[-1] or orbit.periods != self.orbits[0].periods:
             return False
         own, columns = _looks(orbit), np.array([_looks(one) for one in self.orbits]).T
@@ -116,25 +132,29 @@ class Sheet:
             return False
         try:
             return _alike(own, _looks(self.at(orbit.spin)), ON_SHEET)
-        except OrbitLost:  # there the map has no derivatives that are of use
+        except OrbitLost:  # derivatives are of no use there: compare with the interpolation between neighbours
             return _alike(own, between, NEAR_SHEET)
 
 
 def _looks(orbit: PeriodicOrbit) -> tuple[float, float, float, float]:
-    """By what motions of one spin are told apart, but for mirror images."""
+    """Return the numbers that distinguish motions of one spin: phase of impact, speed, precession, drift over its unit.
+
+    Mirror images have the same numbers.
+    """
     drift = orbit.spin_drift * np.sign(orbit.spin) / orbit.fixed.map.unit
     return orbit.impact_phase, orbit.speed, abs(orbit.precession_rate), drift
 
 
 def _alike(one: Sequence[float], other: Sequence[float], share: float) -> bool:
-    """Whether two motions of about one spin look alike, to a share."""
+    """Return True if the numbers of two motions (`_looks`) differ by less than a relative `share`."""
     return np.allclose(one, other, rtol=(share, share, share, SAME_DRIFT), atol=LOCATED)
 
 
 def onward(first: PeriodicOrbit, to: float) -> Iterator[PeriodicOrbit]:
-    """The orbits of a sheet from one on, up to a spin; lost where it ends before, once it is known where.
+    """Yield the orbits of a sheet from one on, up to a spin; raise OrbitLost where the sheet ends before.
 
-    On both sides of a change of sequence there is one, unless there is none nearby: then a run finds where the family goes on.
+    The end, and each change of sequence, is located to `LOCATED`: the change has an orbit on both sides. Where no orbit
+    is found beyond a change, a run finds the motion with which the sheet goes on.
     """
     last, sense, unit = [first], np.sign(to - first.spin), SLOW_SPIN * first.fixed.map.unit
     step = FIRST * max(abs(first.spin), unit)
@@ -144,9 +164,11 @@ def onward(first: PeriodicOrbit, to: float) -> Iterator[PeriodicOrbit]:
             return
         here, scale = last[0].spin, max(abs(last[0].spin), unit)
         step = min(step, WIDEST_STEP * scale)
+        # the last step may be 1 % longer, so that no tiny one is left; spin 0 is reached from the
+        # slow spins in one step
         whole = unit if to == 0 and step == WIDEST_STEP * scale else 1.01 * step
         spin = to if (to - here) * sense <= whole else here + sense * step
-        short = step <= LOCATED * scale or spin == 0  # what moves in a plane has a sequence of its own
+        short = step <= LOCATED * scale or spin == 0  # a motion in a plane, of spin 0, has a sequence of its own
         try:
             nxt = _steadily(last, spin, over_change=short)
         except OrbitLost:
@@ -162,7 +184,11 @@ def onward(first: PeriodicOrbit, to: float) -> Iterator[PeriodicOrbit]:
 
 
 def _steadily(last: list[PeriodicOrbit], spin: float, over_change: bool) -> PeriodicOrbit:
-    """The orbit at another spin; lost if the motion has leapt, is unstable, or (unless `over_change`) of another sequence."""
+    """Return the orbit at another spin; raise OrbitLost if the motion leaps or becomes unstable.
+
+    Unless `over_change`, also raise it if the drift differs from its extrapolation by more than `SAME_DRIFT`, or than
+    `UNSEEN_BEND` where the sequence changes.
+    """
     here, nxt = last[0], step_along(last, spin)
     if not nxt.stable:
         raise OrbitLost("the orbit becomes unstable")
@@ -182,7 +208,10 @@ def _steadily(last: list[PeriodicOrbit], spin: float, over_change: bool) -> Peri
 
 
 def _joined(end: PeriodicOrbit, sense: float) -> PeriodicOrbit:
-    """Where a sheet goes on that is lost at an orbit; lost if that is another sheet, which goes on there, too."""
+    """Find by a run the orbit with which a sheet goes on beyond the orbit `end`, in the `sense` of the spin (1 or -1).
+
+    Raise OrbitLost if the orbit found is on another sheet: then that sheet reaches back to the spin of `end`.
+    """
     nxt = taken_up(end, sense, JOINED)
     try:
         beside = in_steps(lambda one, share: step_along([one], nxt.spin + share * (end.spin - nxt.spin)), nxt, SHORTEST)
@@ -194,7 +223,10 @@ def _joined(end: PeriodicOrbit, sense: float) -> PeriodicOrbit:
 
 
 def taken_up(end: PeriodicOrbit, sense: float, most: float) -> PeriodicOrbit:
-    """The stable motion that a run finds beside an orbit, beyond spins that just have none; see `run_onto` for `most`."""
+    """Find by a run the stable motion beyond an orbit in the `sense` of the spin, over spins without one.
+
+    It lies at most `most` from where the orbit leads, as for `run_onto`. Raise OrbitLost if there is none.
+    """
 
     def at(share: float) -> PeriodicOrbit:
         orbit = run_onto(end, end.spin + sense * share * abs(end.spin), most)
@@ -206,14 +238,14 @@ def taken_up(end: PeriodicOrbit, sense: float, most: float) -> PeriodicOrbit:
 
 
 def _leaps(one: PeriodicOrbit, other: PeriodicOrbit) -> bool:
-    """Whether the drift changes faster from an orbit to the next than along a sheet."""
+    """Return True if the drift changes faster from one orbit to the other than it may along a sheet."""
     return abs(other.spin_drift - one.spin_drift) > STEEPEST * abs(other.spin - one.spin)
 
 
 def _unforeseen(before: Sequence[PeriodicOrbit], nxt: PeriodicOrbit) -> float:
-    """Share of the drift by which that of an orbit differs from what a line through the two before leads to expect.
+    """Return the relative difference between the drift of an orbit and its extrapolation from the two orbits before.
 
-    Where there are not two, as much as that of one motion may.
+    With less than two orbits before, return the greatest difference that one motion may have.
     """
     if len(before) < 2:
         return SAME_DRIFT
@@ -224,7 +256,7 @@ def _unforeseen(before: Sequence[PeriodicOrbit], nxt: PeriodicOrbit) -> float:
 
 
 def sheet_through(orbit: PeriodicOrbit, low: float, high: float, whole: bool) -> Sheet:
-    """The sheet of an orbit between two spins; if not `whole`, the way of its drift up to where the spin stands still."""
+    """Follow the sheet of an orbit between two spins; if not `whole`, only along its drift, to where nothing drifts."""
     begin = on_family(orbit.fixed.map, orbit.slow_motion)
     ways = [
         _as_far_as(begin, to, whole) if whole or (to - begin.spin) * begin.spin_drift > 0 else ([], "")
@@ -235,7 +267,10 @@ def sheet_through(orbit: PeriodicOrbit, low: float, high: float, whole: bool) ->
 
 
 def _as_far_as(begin: PeriodicOrbit, to: float, whole: bool) -> tuple[list[PeriodicOrbit], str]:
-    """The orbits of a sheet from one on, and why it ends; nothing if it goes on."""
+    """Return the orbits of a sheet after `begin`, up to the spin `to`, and why the sheet ends before ("" if not).
+
+    If not `whole`, stop after the first orbit whose drift is zero or has the other sign.
+    """
     found: list[PeriodicOrbit] = []
     try:
         for one in onward(begin, to):
@@ -248,16 +283,16 @@ def _as_far_as(begin: PeriodicOrbit, to: float, whole: bool) -> tuple[list[Perio
 
 
 def time_between(stretches: Sequence[Stretch], begin: float, end: float) -> float:
-    """Forcing periods that the spin takes from one value to another one between which it does not stand still."""
+    """Return the forcing periods that the spin takes between two values; the rate must not be zero between them."""
     low, high = sorted((begin, end))
     spans = [(max(one.low, low), min(one.high, high), one.rate) for one in stretches]
     return sum(abs(quad(lambda s, rate=rate: 1 / rate(s), a, b, limit=200)[0]) for a, b, rate in spans if a < b)
 
 
 def drifted(stretches: Sequence[Stretch], spin: float, periods: float) -> tuple[float, float]:
-    """The spin after some forcing periods, or before them if they are negative; those that are left where it comes to an end.
+    """Return the spin after some forcing periods (before, if negative), and the periods left where the stretches end.
 
-    A spin at which nothing drifts is not passed.
+    The spin does not pass a value at which nothing drifts.
     """
     upward = _rate_at(stretches, spin) * periods > 0
     for one in stretches if upward else stretches[::-1]:
@@ -273,15 +308,16 @@ def drifted(stretches: Sequence[Stretch], spin: float, periods: float) -> tuple[
 
 
 def _rate_at(stretches: Sequence[Stretch], spin: float) -> float:
+    """Return the rate at a spin, or at the nearest spin of all stretches [rad/s per forcing period]."""
     one = min(stretches, key=lambda one: max(one.low - spin, spin - one.high))
     return float(one.rate(np.clip(spin, one.low, one.high)))
 
 
 def _within(stretch: Stretch, spin: float, periods: float) -> tuple[float, float]:
-    """As `drifted`, within one stretch."""
+    """Follow the spin within one stretch; return the same two numbers as `drifted`."""
     low, high, rate = stretch
     scale = max(abs(low), abs(high))
-    aside = OVER_THE_END * scale  # what drifts by rounding alone does not leave it
+    aside = OVER_THE_END * scale  # so that a spin at an end does not leave the stretch by rounding
 
     def inside(_: float, s: np.ndarray) -> float:
         return float(min(s[0] - low, high - s[0]) + aside)
@@ -294,29 +330,34 @@ def _within(stretch: Stretch, spin: float, periods: float) -> tuple[float, float
 
 
 class Standing(NamedTuple):
-    """A spin at which nothing drifts."""
+    """A spin at which nothing drifts, or an end of a sheet at which the drift changes its sign."""
 
     orbit: PeriodicOrbit
-    rate: float  # of what is off it, per forcing period and in units of itself: it attracts below zero; infinite at an end
-    error: float  # of the spin, by that of the map [rad/s]; at an end, the way to where the drift is the other one
+    # relative growth of a small deviation from the spin per forcing period: negative if the spin
+    # attracts, infinite at an end
+    rate: float
+    # error of the spin, from the accuracy of the map [rad/s]; at an end, the distance to the orbit
+    # with the opposite drift
+    error: float
 
     @property
     def kind(self) -> str:
-        """Whether the drift falls through zero, on a circle or in a plane, changes its sign at an end, or is none at all."""
+        """Kind of the spin: "spin" (on a circle), "plane" (spin 0), "end" (of a sheet) or "kept" (no drift nearby)."""
         if self.rate == 0 or np.isinf(self.rate):
             return "end" if self.rate else NEUTRAL
         return "spin" if self.orbit.precession_rate else "plane"
 
 
 def standing(sheet: Sheet) -> Iterator[Standing]:
-    """The spins of a sheet at which nothing drifts, each located to `LOCATED`."""
+    """Yield the spins of a sheet at which nothing drifts, each located to `LOCATED`."""
     still = SLOW_SPIN * sheet.orbits[0].fixed.map.unit
-    # what moves in a plane has no spin, and beside it the drift is odd
+    # a motion in a plane has spin 0 and no drift; the drift beside it is odd in the spin, so its ratio to
+    # the spin is the rate
     planes = [k for k, one in enumerate(sheet.orbits) if abs(one.spin) <= LOCATED * still]
     if 0 < len(planes) < len(sheet.orbits):
         beside = sheet.orbits[planes[-1] + 1 if planes[-1] + 1 < len(sheet.orbits) else planes[0] - 1]
         yield Standing(sheet.orbits[planes[0]], beside.spin_drift / beside.spin, 0.0)
-    # one may stand still exactly, and then its neighbours tell
+    # an orbit may have a drift of exactly zero: its neighbours then enclose the spin
     moving = [one for k, one in enumerate(sheet.orbits) if k in planes or one.spin_drift != 0]
     for a, b in pairwise(moving):
         if a.spin_drift * b.spin_drift < 0 and min(abs(a.spin), abs(b.spin)) > LOCATED * still:
@@ -327,7 +368,7 @@ def standing(sheet: Sheet) -> Iterator[Standing]:
 
 
 def _located(between: Sheet, within: float) -> Standing:
-    """The spin between two orbits at which nothing drifts, so well known."""
+    """Locate the spin between the two orbits of a sheet at which nothing drifts, to `within` [rad/s]."""
     low, high = between.spins.tolist()
     spin = float(brentq(lambda s: between.at(s).spin_drift, low, high, xtol=within, rtol=8.9e-16))
     orbit = between.at(spin)
@@ -341,8 +382,9 @@ def _located(between: Sheet, within: float) -> Standing:
 
 
 def _error(orbit: PeriodicOrbit, rate: float) -> float:
-    """How far the spin may lie off [rad/s]: by what is left of the motion's equations, and by what changes where the map is ten
-    times less accurate; NaN if there is none there.
+    """Estimate the error of a spin at which nothing drifts [rad/s]; NaN if a less accurate map has no motion there.
+
+    It is the residual of the motion plus the change of its drift with a map ten times less accurate, over the rate.
     """
     fixed = orbit.fixed
     m = replace(fixed.map, rtol=10 * fixed.map.rtol)

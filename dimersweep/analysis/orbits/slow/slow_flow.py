@@ -1,7 +1,7 @@
-"""The slow flow: over which sheets the spin drifts, one after the other, and where it comes to in the end.
+"""The slow flow: the sheets along which the spin drifts, one after the other, and its limit after a long time.
 
-Where the drift leads over the end of a sheet, a run goes on from there, to another sheet or to a motion that is none. Sheets
-may lead to one another: then the spin goes to and fro between their ends for good.
+Where the drift leads over the end of a sheet, a run goes on from there: to another sheet, or to a motion that is on no
+sheet. Sheets may lead to one another: then the spin goes to and fro between their ends for good.
 """
 
 from collections.abc import Iterator
@@ -26,24 +26,29 @@ from dimersweep.analysis.orbits.slow.sheets import (
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.layout import DOWN_WORDS
 
-LANDS_AFTER = (100, 300, 1000, 3000)  # forcing periods of a run over the end of a sheet, one after the other
-LANDED = 0.02  # distance of such a run from an orbit, in units of the section, below which it has come to it
-MOST_SHEETS = 16  # that are followed
-BELOW, ABOVE = False, True  # the ends of a sheet
-SPIN_KINDS = ("spin", "end", "cycle", NEUTRAL, "plane")  # how a spin may stay where it comes to
+# forcing periods of the stages of a run over the end of a sheet: it stops after the first stage by which it has settled
+LANDS_AFTER = (100, 300, 1000, 3000)
+# distance of such a run from an orbit, in units of the section, below which it has come to it: Newton's
+# method may find another
+LANDED = 0.02
+MOST_SHEETS = 16  # greatest number of sheets that are followed: none of 40 random dimers has more
+# the ends of a sheet: its last orbit there is `orbits[-end]`, which is `orbits[0]` below
+BELOW, ABOVE = False, True
+SPIN_KINDS = ("spin", "end", "cycle", NEUTRAL, "plane")  # kinds of limits of the spin after a long time
 
 
 class Arrival(NamedTuple):
-    """Where a run comes to that drifts over the end of a sheet."""
+    """The orbit that a run reaches which drifts over the end of a sheet."""
 
     orbit: PeriodicOrbit
-    periods: float  # forcing periods on the way
+    periods: float  # forcing periods of the run up to there
 
 
 def landing(end: PeriodicOrbit) -> Arrival | Standing | str:
-    """Where a run comes to that drifts over the end of a sheet; the mode of the run, if to no orbit.
+    """Find the orbit that a run reaches which drifts over the end of a sheet; without one, return the mode of the run.
 
-    Where motions alternate at the end, one beyond it tells whether the drift leads on, or back to the end, where it is held.
+    Where motions alternate at the end, the run does not settle. Then the drift of an orbit beyond decides: if it leads
+    back, the spin stays at the end, a `Standing`.
     """
     led = _landed(end, any_period=False)
     if isinstance(led, Arrival):
@@ -58,7 +63,7 @@ def landing(end: PeriodicOrbit) -> Arrival | Standing | str:
 
 
 def _landed(end: PeriodicOrbit, any_period: bool) -> Arrival | str:
-    """The orbit that a run comes to, of the same period or any; the mode of the run, if to none."""
+    """Return the stable orbit that a run from an end reaches, of the same or any period; without one, its mode."""
     m = end.fixed.map
     run = end.run(LANDS_AFTER[0], m.rtol)
     for more in (0, *LANDS_AFTER[1:]):
@@ -76,42 +81,47 @@ def _landed(end: PeriodicOrbit, any_period: bool) -> Arrival | str:
 
 
 class DriftLeg(NamedTuple):
-    """A drift of the spin along a sheet."""
+    """A drift of the spin along one sheet, from an orbit to a spin at which nothing drifts, or to the sheet's end."""
 
     sheet: Sheet
     begin: PeriodicOrbit
     to: float  # spin at its end [rad/s]
-    periods: float  # forcing periods up to there; infinite where it stands still there
-    then: Standing | Arrival | str  # where it stands, or, at the end of the sheet, as `landing` says
+    periods: float  # forcing periods up to there; infinite if nothing drifts there
+    then: Standing | Arrival | str  # spin at which nothing drifts or, at an end of the sheet, the result of `landing`
 
 
 class Cycle(NamedTuple):
     """Stretches of sheets that lead to one another over their ends: the spin goes to and fro for good."""
 
-    orbits: list[PeriodicOrbit]
+    orbits: list[PeriodicOrbit]  # all orbits of one round
     periods: float  # forcing periods of one round
     kind: str = "cycle"
 
 
 class SlowFlow:
-    """The sheets of one set of parameters between two spins, as far as they were asked for, and where they lead.
+    """The sheets of one set of parameters between two spins, followed when they are asked for, and where they lead.
 
     Parameters
     ----------
     low, high : float
-        The spins [rad/s].
+        Least and greatest spin [rad/s].
     whole : bool
-        Whether sheets are followed to both of their ends, or on the way of the drift alone, up to where it stands still.
+        Whether sheets are followed to both of their ends, or along the drift alone, up to a spin at
+        which nothing drifts.
     """
 
     def __init__(self, low: float, high: float, whole: bool) -> None:
         self.low, self.high, self.whole = low, high, whole
         self.sheets: list[Sheet] = []
-        self.standing: list[list[Standing]] = []  # of each sheet, by ascending spin
+        self.standing: list[list[Standing]] = []  # the spins at which nothing drifts, of each sheet
+        # results of `landing`, by number of the sheet and end
         self.leads: dict[tuple[int, bool], Arrival | Standing | str] = {}
 
     def sheet_of(self, orbit: PeriodicOrbit) -> int:
-        """The number of the sheet that a stable orbit is on; lost if none goes on from it, or they are too many."""
+        """Return the number of the sheet that a stable orbit is on; a new sheet is followed.
+
+        Raise OrbitLost if the family does not go on from the orbit, or if there are more than `MOST_SHEETS`.
+        """
         for number, sheet in enumerate(self.sheets):
             if sheet.holds(orbit):
                 return number
@@ -124,14 +134,15 @@ class SlowFlow:
         known = {one.spin: one for one in (*sheet.orbits, *(one.orbit for one in stands))}
         sheet = replace(sheet, orbits=[known[spin] for spin in sorted(known)])
         for number, part in enumerate(self.sheets):
-            if sheet.holds(part.orbits[len(part.orbits) // 2]):  # followed from there it ended sooner
+            # a known sheet is a part of the new one: followed from another orbit, it ended sooner
+            if sheet.holds(part.orbits[len(part.orbits) // 2]):
                 return self._grow(number, sheet)
         self.sheets.append(sheet)
         self.standing.append(stands)
         return len(self.sheets) - 1
 
     def _grow(self, number: int, longer: Sheet) -> int:
-        """Add to a sheet what a longer one has beyond its ends; returns its number."""
+        """Add to a sheet the orbits that a longer one has beyond its ends; return the number of the sheet."""
         part = self.sheets[number]
         below = [one for one in longer.orbits if one.spin < part.spins[0]]
         above = [one for one in longer.orbits if one.spin > part.spins[-1]]
@@ -144,18 +155,18 @@ class SlowFlow:
         return number
 
     def drifts_over(self, number: int, end: bool) -> bool:
-        """Whether a motion drifts over an end of a sheet."""
+        """Return True if a motion drifts over an end of a sheet."""
         sheet = self.sheets[number]
         return bool(sheet.high_end if end else sheet.low_end) and sheet.orbits[-end].spin_drift * (1 if end else -1) > 0
 
     def lead(self, number: int, end: bool) -> Arrival | Standing | str:
-        """Where a run comes to over an end of a sheet, as `landing` says."""
+        """Return the result of `landing` at an end of a sheet; the run is made once."""
         if (number, end) not in self.leads:
             self.leads[number, end] = landing(self.sheets[number].orbits[-end])
         return self.leads[number, end]
 
     def explore(self, first: PeriodicOrbit) -> None:
-        """Follow all sheets that the ends of that of an orbit, and theirs, lead to."""
+        """Follow the sheet of an orbit, all sheets to which its ends lead, and so on."""
         waiting, seen = [first], 0
         while waiting:
             try:
@@ -168,7 +179,7 @@ class SlowFlow:
                 seen += 1
 
     def _led_to(self, number: int) -> Iterator[PeriodicOrbit]:
-        """The orbits that the ends of a sheet lead to."""
+        """Yield the orbits to which the ends of a sheet lead."""
         sheet = self.sheets[number]
         for end, sense, why in ((BELOW, -1.0, sheet.low_end), (ABOVE, 1.0, sheet.high_end)):
             last = sheet.orbits[-end]
@@ -176,13 +187,13 @@ class SlowFlow:
                 led = self.lead(number, end)
                 if isinstance(led, Arrival):
                     yield led.orbit
-            elif why:  # no motion drifts over it, but the family may go on
+            elif why:  # no motion drifts over this end, but the family may go on beyond it
                 with suppress(OrbitLost):
                     yield taken_up(last, sense, np.inf)
 
     def leg(self, begin: PeriodicOrbit) -> DriftLeg:
-        """The drift from an orbit on; lost if it is on no sheet."""
-        if begin.spin_drift == 0.0:  # both ends stick in all that happens
+        """Return the drift from an orbit on; raise OrbitLost if the orbit is on no sheet, or beyond the range."""
+        if begin.spin_drift == 0.0:  # both ends stick in every contact: friction changes no spin
             return DriftLeg(Sheet([begin], "", ""), begin, begin.spin, np.inf, Standing(begin, 0.0, 0.0))
         number, drift = self.sheet_of(begin), begin.spin_drift
         sheet, end = self.sheets[number], drift > 0
@@ -197,7 +208,7 @@ class SlowFlow:
         return DriftLeg(sheet, begin, last.spin, periods, self.lead(number, end))
 
     def way(self, begin: PeriodicOrbit) -> Iterator[DriftLeg]:
-        """The drifts from an orbit on, one after the other, without an end where they form a cycle."""
+        """Yield the drifts from an orbit on, one after the other; a cycle is repeated without end."""
         while True:
             leg = self.leg(begin)
             yield leg
@@ -206,7 +217,7 @@ class SlowFlow:
             begin = leg.then.orbit
 
     def fate(self, begin: PeriodicOrbit) -> Standing | Cycle | str:
-        """Where the spin of an orbit comes to: where it stands, its cycle, or the mode of the run at the end."""
+        """Return the limit of the spin of an orbit: a spin without drift, a cycle, or the mode of the last run."""
         legs: list[DriftLeg] = []
         for leg in self.way(begin):
             if not isinstance(leg.then, Arrival):
@@ -218,7 +229,7 @@ class SlowFlow:
         raise AssertionError("a way ends with a leg that leads to no orbit")
 
     def cycles(self) -> list[Cycle]:
-        """Those between the sheets, each once."""
+        """Return the cycles between the sheets, each once."""
         found: dict[frozenset[float], Cycle] = {}
         for led in self.leads.values():
             try:
@@ -230,10 +241,11 @@ class SlowFlow:
         return list(found.values())
 
     def held(self) -> list[Standing]:
-        """The ends of sheets at which the drift is held."""
+        """Return the ends of sheets at which the spin stays, since the drift beyond leads back."""
         return [led for led in self.leads.values() if isinstance(led, Standing)]
 
     def _cycle(self, legs: list[DriftLeg]) -> Cycle:
+        """Return the cycle of the drifts of one round."""
         orbits: list[PeriodicOrbit] = []
         for leg in legs:
             low, high = sorted((leg.begin.spin, leg.to))
@@ -242,6 +254,6 @@ class SlowFlow:
 
 
 def flow_of(orbit: PeriodicOrbit, whole: bool = False) -> SlowFlow:
-    """The slow flow of the spins in the sense of that of an orbit, which do not change their sign."""
+    """Return the slow flow of all spins with the sign of an orbit's spin: a drift does not change the sign."""
     most = MOST_TURNS * TURN * orbit.parameters["f"]
     return SlowFlow(0.0, most, whole) if orbit.spin >= 0 else SlowFlow(-most, 0.0, whole)

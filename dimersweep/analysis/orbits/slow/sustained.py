@@ -1,4 +1,4 @@
-"""Sustained spins: where friction neither gives spin nor takes it, and the circle that a dimer chooses by itself."""
+"""Sustained spins: friction neither gives spin nor takes it there, so that a dimer chooses its circle by itself."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -27,41 +27,50 @@ def sustained(
     rtol: float = RTOL,
     **parameters: float,
 ) -> xr.Dataset:
-    """The spins at which friction neither gives spin nor takes it, and those between which the spin goes to and fro.
+    """Find the spins at which friction neither gives nor takes spin, and those between which the spin goes to and fro.
 
-    The slow family is followed over its changes of sequence, to where the motion leaps, becomes unstable or ceases; beyond, a
-    run tells where it leads. Only stable orbits count: no motion drifts along others.
+    The slow family is followed over its changes of sequence, to where the motion leaps, becomes unstable or ceases to
+    exist. A run shows where the drift leads beyond. Only stable orbits count: no motion drifts along unstable ones.
 
     Parameters
     ----------
     spin : tuple of float, optional
-        Least and greatest axial spin after the double impact [rad s-1]; by default from 0 to where the family ends. On a level
-        plate the mirror image of a motion has the opposite spin.
+        Least and greatest axial spin after the double impact [rad s-1]; by default from 0 to the end of the family. On
+        a level plate the mirror image of a motion has the opposite spin.
     guess : Run or PeriodicOrbit, optional
-        A recorded run or an orbit of the family that is meant, as for `find`: of unlike ends, whichever end is down.
+        A recorded run, or an orbit, of the family that is meant, as for `find`. If the ends are not alike, it
+        decides which end is down.
     rtol : float
         Accuracy of the map [1].
     **parameters : float
-        Of the model.
+        Parameters of the model.
 
     Returns
     -------
     xarray.Dataset
-        Along `sustained`, by ascending spin: `kind`: "spin"; "plane", which has spin 0 and no radius; "end" where the drift
-        leads to an end of a sheet, and back to it from beyond; or "cycle". `spin_low` and `spin_high`, between which the spin
-        goes to and fro, and `radius_low` and `radius_high`, else both alike; whether it `attracts`; `slow_rate`, of what is
-        off the spin, per forcing period and in units of itself (1 + it is the multiplier of the slow direction; -inf at an
-        end, NaN for a cycle); `slow_periods` and `slow_time`, in which that falls or grows by a factor of 2.718, or once
-        round a cycle; `spin_error`, by that of the map, or where the drift is found to lead back to an end; and the
-        attributes of a `PeriodicOrbit`, for a cycle those at its least spin.
-        Along `sheet`: `sheet_low` and `sheet_high`, least and greatest spin of a stretch of the family, why it ends there
-        (empty if it does not), and where it leads: to which spin, or what the run does.
-        The attribute `cost` says how many forcing periods of the map it took.
+        Along `sustained`, by ascending spin, the following, and the attributes of a `PeriodicOrbit` (of a cycle,
+        those at its least spin):
+
+        * `kind`: "spin"; "plane", which has spin 0 and no radius; "end", where the drift leads to an end of a sheet, and
+          back to it from beyond; "cycle"; or "kept", where no spin drifts.
+        * `spin_low`, `spin_high`, `radius_low`, `radius_high`: the spins and radii between which a cycle goes to and fro;
+          else both are the same.
+        * `attracts`: whether the spin of motions nearby comes to it.
+        * `slow_rate`: relative growth of a small deviation of the spin in a forcing period. The multiplier of the slow
+          direction is 1 + `slow_rate`. It is -inf at an end, NaN for a cycle.
+        * `slow_periods` and `slow_time`: forcing periods and time [s] in which the deviation changes by a factor of
+          2.718, or of one round of a cycle.
+        * `spin_error`: error of the spin by the accuracy of the map; at an end, the distance to the orbit beyond from
+          which the drift leads back.
+
+        Along `sheet`: `sheet_low` and `sheet_high`, least and greatest spin of a stretch of the family; `low_end` and
+        `high_end`, why it ends there (empty if it does not); `low_leads` and `high_leads`, the spin or the mode to
+        which a run leads from there. The attribute `cost` says how many forcing periods of the map were run.
 
     Raises
     ------
     ParameterError
-        For an unknown parameter or a range that is none.
+        For an unknown parameter, or if the first spin is not below the second.
     OrbitError
         If there is no stable orbit.
 
@@ -113,7 +122,7 @@ MEANINGS = {
 
 
 def _rows(flow: SlowFlow, f: float) -> Iterator[tuple[PeriodicOrbit, tuple[Any, ...]]]:
-    """The orbit of each spin and each cycle, of a cycle that of the least spin, and what `MEANINGS` has of it."""
+    """Yield the orbit of each sustained spin and each cycle (at its least spin), with the values of `MEANINGS`."""
     for one in (*chain.from_iterable(flow.standing), *flow.held()):
         spin, radius, rate = one.orbit.spin, one.orbit.radius, one.rate
         slow = 1 / abs(rate) if rate else np.inf
@@ -128,7 +137,7 @@ def _rows(flow: SlowFlow, f: float) -> Iterator[tuple[PeriodicOrbit, tuple[Any, 
 
 
 def _dataset(flow: SlowFlow, given: dict[str, float], recorder: Recorder, rtol: float) -> xr.Dataset:
-    """What was found, as labelled data."""
+    """Return the sustained spins, the cycles and the sheets as labelled data."""
     found = sorted(_rows(flow, given["f"]), key=lambda one: one[0].spin)
     columns: dict[str, Column] = {
         name: ([row[k] for _, row in found], said, SPIN_KINDS if name == "kind" else ())
@@ -142,6 +151,8 @@ def _dataset(flow: SlowFlow, given: dict[str, float], recorder: Recorder, rtol: 
 
 
 def _sheets(flow: SlowFlow) -> dict[str, tuple[np.ndarray, Quantity]]:
+    """Return the columns of the sheets, each with its meaning."""
+
     def leads(number: int, end: bool) -> str:
         led = flow.lead(number, end) if flow.drifts_over(number, end) else ""
         return led if isinstance(led, str) else f"spin = {led.orbit.spin:.6g} rad/s"
