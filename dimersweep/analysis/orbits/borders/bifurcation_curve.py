@@ -209,13 +209,19 @@ class BifurcationCurve(Curve):
         raise OrbitLost(f"no {self.kind.name} is found from its neighbour")
 
     def between(self, a: Found, b: Found, part: float) -> Found:
-        """Return `a`, moved by `part` of the way to the unknowns of `b` if both are in one section."""
+        """Return a neighbour of the point that lies a `part` of the way from `a` to `b`.
+
+        Its unknowns lie on the line between both if these are in one section; else it is `a`.
+        """
         if not a.alike(b) or a.begin.y.size != b.begin.y.size:
             return a
         return a._replace(begin=replace(a.begin, y=a.begin.y + part * (b.begin.y - a.begin.y)))
 
     def _from(self, orbit: PeriodicOrbit) -> Found:
-        """Return the first point of the border on the branch, to either side, preferably an end of stability."""
+        """Return the first point of the border met along the branch through an orbit, to either side.
+
+        If the orbit is stable, a point at which its stability ends is preferred. Raise OrbitLost if none is met.
+        """
         ways = self._ways(orbit)
         for way in ways if orbit.stable else ():
             with suppress(OrbitLost):

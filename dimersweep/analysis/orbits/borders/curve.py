@@ -59,7 +59,7 @@ class Found(NamedTuple):
 
 
 def shortened(reason: str) -> str:
-    """Shorten a reason to its first two parts and `STATUS_LENGTH` characters, for a table."""
+    """Shorten a reason to its first two parts (between semicolons) and to `STATUS_LENGTH` characters, for a table."""
     said = "; ".join(reason.split("; ")[:2])
     return said if len(said) <= STATUS_LENGTH else said[: STATUS_LENGTH - 3] + "..."
 

@@ -1,8 +1,8 @@
 """Borders as curves in the plane of two parameters, which may turn round in either parameter.
 
 The unknowns are those of a point of the border and the second parameter, one more than there are equations. A point of
-the border has the orbit, the first parameter and, at a bifurcation, the eigenvector. The module
-`continuation.steps` follows the curves.
+the border has the orbit, the first parameter and, at a bifurcation, the eigenvector. Curves are
+followed by `continuation.steps`.
 """
 
 from dataclasses import dataclass, replace
@@ -98,7 +98,7 @@ class InPlane(Place):
 
     @singular_lost()
     def _tangential(self, along: np.ndarray) -> "InPlane":
-        """Return the point with its tangent in the sense of `along`, a vector of all unknowns or of the last ones."""
+        """Return the point with its tangent in the sense of `along`, a vector of all unknowns or of the last two."""
         slope = self._derivative(self.y)
         tangent = np.linalg.svd(slope)[2][-1]
         return replace(self, tangent=tangent if tangent[-along.size :] @ along >= 0 else -tangent, slope=slope)

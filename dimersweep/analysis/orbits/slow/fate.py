@@ -123,6 +123,7 @@ def later(
     spin, periods = as_number("spin", spin, "rad s-1"), _time(periods, seconds, family)
     family = family.sortby("spin").isel(spin=np.isfinite(family.sortby("spin")["spin_drift"].values))
     spins = family["spin"].values
+    # a cubic spline needs four points
     if spins.size < 4 or (np.diff(spins) == 0).any():
         raise ParameterError(f"family: has {np.unique(spins).size} points; needs at least 4, each spin once")
     if not spins[0] <= spin <= spins[-1]:

@@ -370,6 +370,7 @@ def standing(sheet: Sheet) -> Iterator[Standing]:
 def _located(between: Sheet, within: float) -> Standing:
     """Locate the spin between the two orbits of a sheet at which nothing drifts, to `within` [rad/s]."""
     low, high = between.spins.tolist()
+    # this rtol is the least that `brentq` accepts: `within` decides
     spin = float(brentq(lambda s: between.at(s).spin_drift, low, high, xtol=within, rtol=8.9e-16))
     orbit = between.at(spin)
 

@@ -51,10 +51,10 @@ def sustained(
         Along `sustained`, by ascending spin, the following, and the attributes of a `PeriodicOrbit` (of a cycle,
         those at its least spin):
 
-        * `kind`: "spin"; "plane", which has spin 0 and no radius; "end", where the drift leads to an end of a sheet, and
-          back to it from beyond; "cycle"; or "kept", where no spin drifts.
-        * `spin_low`, `spin_high`, `radius_low`, `radius_high`: the spins and radii between which a cycle goes to and fro;
-          else both are the same.
+        * `kind`: "spin"; "plane", which has spin 0 and no radius; "end", where the drift leads to an end of a sheet,
+          and back to it from beyond; "cycle"; or "kept", where no spin drifts.
+        * `spin_low`, `spin_high`, `radius_low`, `radius_high`: the spins and radii between which a cycle goes to and
+          fro; else both are the same.
         * `attracts`: whether the spin of motions nearby comes to it.
         * `slow_rate`: relative growth of a small deviation of the spin in a forcing period. The multiplier of the slow
           direction is 1 + `slow_rate`. It is -inf at an end, NaN for a cycle.
