@@ -218,5 +218,5 @@ def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
 
 
 def on_family(m: ReturnMap, slow_motion: SlowMotion) -> PeriodicOrbit:
-    """Return the orbit of a motion on the slow manifold; its `fixed` has the motion's point, with the derivatives there."""
+    """Return the orbit of a motion on the slow manifold; its `fixed` has the point and derivatives of that motion."""
     return orbit_of(fixed_at(m, slow_motion.z, slow_motion.image, slow_motion.residual), slow_motion)
