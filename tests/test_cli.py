@@ -766,8 +766,8 @@ def test_a_number_of_periods_beyond_any_run_is_refused(refused, command):
 @pytest.mark.parametrize("path", sorted((ROOT / "sweeps").glob("*.toml")), ids=lambda path: path.stem)
 def test_every_dataset_has_a_plan(call, fake_kernel, monkeypatch, path):
     monkeypatch.setattr("dimersweep.studies.planning.MOST_PARTS", 1)
-    for slow in ("Paths", "Sustained"):
-        monkeypatch.setattr(f"dimersweep.studies.observers.{slow}.observe", lambda *given: None)
+    for slow in ("studies.observers.Paths", "analysis.observers.Sustained"):
+        monkeypatch.setattr(f"dimersweep.{slow}.observe", lambda *given: None)
     out, err, code = call("plan", str(path))
     assert (code, err) == (0, "")
     assert [line.split(":")[0] for line in out.splitlines()] == ["points", "tiles", "cube", "time", "sample"]

@@ -207,7 +207,7 @@ def test_a_sweep_tells_a_program_what_it_has_made(done, call, fake_kernel):
 
 def test_quiet_prints_nothing(call, fake_kernel):
     assert call("run", "small.toml", "--quiet") == ("", "", 0)
-    assert sorted(os.listdir()) == ["fig07-small.nc", "fig07-small.png", "small.toml", "track.csv"]
+    assert {"fig07-small.nc", "fig07-small.png"} < {*os.listdir()}
     assert call("plot", "fig07-small.nc", "--quantity", "radius", "--quiet") == ("", "", 0)
     assert call("simulate", "--periods", "5", "--quiet") == ("", "", 0)
     _, err, code = call("simulate", "--e", "2", "--quiet")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from dimersweep import orbits, simulate, stability, sweep
+from dimersweep.analysis.orbits.map.orbit import dataset
 from dimersweep.studies.search import search
 from dimersweep.symbols import PARAMETERS
 
@@ -100,7 +101,7 @@ def test_the_velocity_of_a_planar_drift_is_the_same_in_other_units():
 def test_orbits_are_the_same_in_other_units():
     spin = 100.0
     one, other = (
-        orbits.orbit.dataset([orbits.find(spin=s, **given)], "orbit")
+        dataset([orbits.find(spin=s, **given)], "orbit")
         for s, given in ((spin, BASE), (spin / TIME, in_other_units(BASE)))
     )
     compared(one.drop_vars(["residual", "cost"]), other, 1e-5)

@@ -458,9 +458,9 @@ def test_the_words_of_a_wait_come_from_the_workers(cluster):
     seen = []
 
     def forget():
-        from dimersweep.work.proving import proof
+        from dimersweep.work import proving
 
-        proof.cache_clear()
+        proving.PROVEN.clear()
 
     with scheduling.cluster(cluster) as pool:
         assert pool.workers() == 2

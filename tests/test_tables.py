@@ -329,8 +329,7 @@ import sys
 from dimersweep.analysis.orbits import family
 import xarray
 assert hasattr(xarray.Dataset, "dimersweep") and "matplotlib" not in sys.modules
-from dimersweep.runs.accessor import DRAW_TABLE
-assert len(DRAW_TABLE) == 1
+assert xarray.Dataset().dimersweep.is_cube is False and "matplotlib" not in sys.modules
 """
     done = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -21,7 +21,7 @@ from constants_table import FACTORS, Constant, changed, meaning_of, numbers, pri
 import dimersweep
 
 ROOM = "dimersweep.analysis.orbits"
-FOLDER = Path(dimersweep.__file__).parent / "orbits"
+FOLDER = Path(dimersweep.__file__).parent / "analysis" / "orbits"
 LONGEST = 60.0  # time of the processor for all answers [s]
 ALIKE = 1e-7  # relative difference of numbers up to which an answer is the same
 JUMP: dict[str, Any] = {"Gamma": 1.3, "beta0": 0.0, "xdot0": 0.0, "periods": 300}
@@ -54,7 +54,7 @@ MATHEMATICS = "TURN", "FOLD.at", "FLIP.at"
 HEAD = f"""
 # What the constants of the orbits decide
 
-`python benchmarks/evidence/constants.py orbits` halves and doubles each number of `dimersweep/orbits`, and asks the same
+`python benchmarks/evidence/constants.py orbits` halves and doubles each number of `dimersweep/analysis/orbits`, and asks the same
 questions each time, those that its file has to do with. The last column has what it notices, halved / doubled: change of the
 work, in forcing periods of the map; and which answers differ by more than {ALIKE:g} (`~` by less than a thousandth, `lost` if
 there is none any more). What none of them notices is a guard, with the reason why it stands.
@@ -64,7 +64,7 @@ there is none any more). What none of them notices is a guard, with the reason w
 def listed() -> list[Constant]:
     """Those that are in the table."""
     found = []
-    for file in sorted(FOLDER.glob("*.py")):
+    for file in sorted(FOLDER.rglob("*.py"), key=lambda file: file.stem):
         text = file.read_text()
         for name, _, number in numbers(ast.parse(text)):
             if name not in MATHEMATICS:
@@ -77,7 +77,7 @@ def load_changed(one: Constant, factor: float) -> None:
     usual = importlib.machinery.SourceFileLoader.get_code
 
     def get_code(self: Any, fullname: str) -> Any:
-        if fullname != f"dimersweep.{one.file}":
+        if not fullname.startswith(ROOM) or fullname.rpartition(".")[2] != one.file.rpartition(".")[2]:
             return usual(self, fullname)
         path = self.get_filename(fullname)
         tree = ast.parse(self.get_data(path))

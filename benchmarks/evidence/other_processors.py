@@ -123,10 +123,10 @@ def maps() -> Iterator[tuple[str, str]]:
         space, (out, codes) = new_workspace(), blank(1)
         run_rows(row[None], np.zeros((0, N_START)), ask_for(60, RTOL), 0, out, codes, space, no_record())
         section = Section(row, RTOL)
-        points = [section.point(space.state)]
+        points, modes = [section.point(space.state)], space.modes.copy()
         for _ in range(2):
-            after, modes = section.after(section.state(points[-1]), 1)
-            points.append(section.point(after))
+            point, modes = section.after(section.state(points[-1], modes), 1)
+            points.append(point)
         yield f"map {k}", told(row, modes.astype(int), np.array(points))
 
 

@@ -107,7 +107,7 @@ class Plan:
 
 
 def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
-    """Time a sample of a study, on one thread, and return the expected cost of all of it.
+    """Return the expected cost of a study, from a sample of it that is timed on one thread.
 
     Parameters
     ----------

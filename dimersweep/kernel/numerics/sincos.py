@@ -57,8 +57,10 @@ def sincos(x):
 
 @compiled(inline=True)
 def nearest(x):
-    """The whole number next to x, the even one of two, for an x below 2^51 in size; one that is greater stays what it is, or
-    nearly, and no number is none. (An integer made of such a one would be the processor's choice.)
+    """Round x to the nearest whole number, the even one of two, as a float.
+
+    This holds for an x below 2^51 in size. A larger x stays nearly what it is, and a NaN stays one: an integer made of
+    them would depend on the processor.
     """
     return (x + TO_WHOLE) - TO_WHOLE
 
