@@ -770,8 +770,9 @@ def test_a_map_is_clicked_compared_linked_copied_and_saved(cube, tmp_path):
         assert len(colors_of((tmp_path / "dimer.png").read_bytes())) > 5
         numbers = np.loadtxt(tmp_path / "dimer.csv", delimiter=",", skiprows=2)
         assert (tmp_path / "dimer.csv").read_text().splitlines()[1].startswith("time [s],x1 [mm],")
-        times = numbers[:, 0] * made_by(code).parameters["f"]
-        assert 5 < np.ptp(times) <= 6  # forcing periods
+        run = made_by(code)
+        shown = min(6, run.n_periods)  # forcing periods
+        assert shown - 1 < np.ptp(numbers[:, 0] * run.parameters["f"]) <= shown
         rods = np.linalg.norm(numbers[:, 1:4] - numbers[:, 4:7], axis=1)
         np.testing.assert_allclose(rods, 50, atol=0.02)
 
