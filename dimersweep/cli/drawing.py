@@ -269,6 +269,9 @@ def _print_loops(tell: Printer, cube: "xr.Dataset") -> None:
 
 
 def _end(loop: "xr.Dataset", which: str) -> str:
-    """Return one end of a loop as a text, with half the step in which it lies, such as 0.785 ± 0.005."""
+    """Return the `low` or `high` end of a loop as a text, such as 0.785 ± 0.005, or "beyond the axis".
+
+    The number after ± is half the length of the step in which the end lies.
+    """
     value = loop[which].item()
     return f"{value:.6g} ± {loop[f'{which}_error'].item():.2g}" if isfinite(value) else "beyond the axis"

@@ -65,7 +65,11 @@ def labelled(values: xr.Variable, quantity: Quantity) -> xr.Variable:
 
 
 def variable(name: str, dims: tuple[str, ...], values: np.ndarray, quantity: Quantity | None = None) -> xr.Variable:
-    """Return a compressed variable of results with its unit, see `column`; floats without a meaning are NaN."""
+    """Return results as a variable with its unit, see `column`, to be compressed in files.
+
+    The unit and the long name are those of `QUANTITIES`, unless a `quantity` is passed. In files, NaN marks floats that
+    are missing; integers have no such mark.
+    """
     made = column(dims, values, quantity or QUANTITIES[name], FLAGS.get(name, ()))
     # with a fill value, xarray would read integers back as floats
     made.encoding.update(PACKED, _FillValue=np.nan if made.dtype.kind == "f" else None)

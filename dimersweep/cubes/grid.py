@@ -454,17 +454,19 @@ def _column(name: str, values: Any) -> np.ndarray:
 
 
 def check_fits(grid: Grid, *, by_blocks: bool) -> None:
-    """Refuse a grid whose results would not fit into memory.
+    """Refuse a grid with more than `MAX_POINTS` points: memory would not hold its results.
 
     Parameters
     ----------
     grid : Grid
     by_blocks : bool
-        True if its cube could be written block by block, without being whole in memory.
+        True if a file can take the cube block by block. The grid is refused all the same, but the message names such a
+        file as the way out.
 
     Raises
     ------
     ParameterError
+        If the grid has too many points.
     """
     if grid.size > MAX_POINTS:
         way_out = " (an output that ends in .zarr is not held in memory)" if by_blocks else ""

@@ -88,7 +88,10 @@ def cube_table(cube: xr.Dataset) -> str:
 
 
 def _speeds(cube: xr.Dataset, word: str) -> str:
-    """Return words about a mode of ends that stay down: the speeds at which the dimers of a cube move on."""
+    """Return a note for the row of a mode in which both ends stay down; "" for any other mode.
+
+    The note has the least and greatest speed of the centre of mass [m/s] over the points of the cube in that mode.
+    """
     if word not in DOWN_WORDS:
         return ""
     speeds = cube["speed"].values[(cube["mode"].values == MODES.index(word)) & np.isfinite(cube["speed"].values)]

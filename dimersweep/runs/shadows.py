@@ -272,9 +272,10 @@ def compared(results: tuple[np.ndarray, np.ndarray], shadow: tuple[np.ndarray, n
 
 
 def orbit_difference(out: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Return the largest difference of the orbits of two sets of results, shape (n,), in the sense of `certified`.
+    """Return, for each of n points, the largest difference of a quantity of its orbit between two results, shape (n,).
 
-    It is NaN where one result has no orbit, or where only one path is straight.
+    Differences are relative to `out` (to `other` where `out` is 0); those of zeta and the impact phase are absolute.
+    The largest one is NaN where one of both results has no orbit, or where only one of both paths is straight.
     """
     ours, theirs = out[:, ORBIT], other[:, ORBIT]
     apart = np.abs(ours - theirs)

@@ -172,7 +172,10 @@ class Study:
         return done - done % self.line
 
     def check_here(self) -> None:
-        """Raise a ParameterError if this process lacks something that an observer takes."""
+        """Raise a ParameterError if an observer cannot work in this process.
+
+        An observer may lack something that it needs, or another version of it may be loaded here.
+        """
         for observer in self.observers:
             observer.check_here()
 

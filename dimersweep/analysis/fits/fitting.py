@@ -262,7 +262,11 @@ def fit(
 
 
 def _fitted(search: "_Search") -> Fit:
-    """Return the fit, after a look at the ranges and descents from the best points."""
+    """Return the fit: compute points spread over the ranges, descend from the best of them, and take the least misfit.
+
+    If the least misfit is improbable, and a border of the stable orbits has cut off its descent, a simplex goes on
+    along the border.
+    """
     starts = search.starts()
     ends = _ordered(map(search.descended, search.steps("descending", starts)))
     slopes = search.slopes(ends[0])

@@ -235,14 +235,25 @@ def without_others(
 
 
 def changes(t: np.ndarray, rest: np.ndarray, found: Periodic, begin: float) -> str:
-    """Return a sentence on how the first line along z changes, "" if it does not.
+    """Return a clause on how the spectral line at the frequency of `found` changes along z, "" if it hardly does.
 
-    Times in it are by a clock that shows `begin` [s] at t = 0.
+    The line may begin or stop within the record, change its frequency, or change its amplitude.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Times of the samples [s].
+    rest : ndarray, shape (n, axes)
+        Record without the harmonics of `found` [m s-2]; its first column is the acceleration along z.
+    found : Periodic
+        Harmonics that fit the record.
+    begin : float
+        Time that is added to `t` for the times in the clause [s].
 
     Raises
     ------
     ParameterError
-        If the line changes by more than `STEADY_LINE`.
+        If the line changes by more than `STEADY_LINE`, relative to its amplitude.
     """
     at, counts, sums = found.sums(t, rest)
     line, at = 1 + sums[:, 1, 0] / counts / found.parts[1, 0], at + begin

@@ -110,7 +110,10 @@ class GridWalk:
             self._enter(index, found, source)
 
     def _enter(self, index: Index, found: Found, source: Index) -> None:
-        """Enter a point that is found, and queue its neighbours."""
+        """Record a point that was found, and queue its neighbours.
+
+        `source` is the point, found by itself, at which the following began that led to this one (`begun_at`).
+        """
         self.found[index], self.begun_at[index] = found, source
         for k, side in product(range(len(index)), (-1, 1)):
             other = _moved(index, k, -side)

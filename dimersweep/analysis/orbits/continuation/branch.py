@@ -138,19 +138,29 @@ class Point(NamedTuple):
 def slope_of(
     axis: Axis, m: ReturnMap, z: np.ndarray, share: float, sense: float = 0.0, mark: Mark | None = None
 ) -> np.ndarray:
-    """Return the derivative of `defect`, shape (n,), by the parameter over its scale; that of a mark is a last entry.
+    """Return the derivative of `defect` by the parameter over its scale, as a quotient of differences, shape (n,).
+
+    With a mark, the derivative of the mark is appended: shape (n + 1,).
 
     Parameters
     ----------
     axis : Axis
+        Parameter of the branch. For the spin, the derivative is exact, and that of a mark is zero.
     m : ReturnMap
     z : ndarray, shape (n,)
         Point of the section.
     share : float
         Value of the parameter over its scale.
     sense : float
-        Side, 1 or -1, to which the difference is taken; 0 for a central difference.
+        Side, 1 or -1, to which the difference is taken; 0 for a central difference or, where it fails, one to either
+        side.
     mark : callable, optional
+        Function of an orbit whose zero is sought along the branch, see `Mark`.
+
+    Raises
+    ------
+    OrbitLost
+        If no such difference can be taken.
     """
     if axis.name == "spin":
         slope = np.zeros(z.size if mark is None else z.size + 1)

@@ -70,9 +70,10 @@ def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
 
 @singular_lost()
 def lag(fixed: Fixed) -> np.ndarray:
-    """Return the distance of the manifold from the fixed point, shape (n,), to first order in the drift of the spin.
+    """Return the vector from the fixed point to the slow manifold at the same spin, shape (n,).
 
-    It is zero without a fast part, see `has_fast_part`, and where the first order leads further than `NEAR`.
+    The vector, in units of the section, is of first order in the drift of the spin. It is zero without a fast part,
+    see `has_fast_part`, and where an entry would exceed `NEAR`: the first order does not reach so far.
     """
     m = fixed.map
     if not has_fast_part(fixed):

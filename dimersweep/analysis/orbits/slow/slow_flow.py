@@ -63,7 +63,11 @@ def landing(end: PeriodicOrbit) -> Arrival | Standing | str:
 
 
 def _landed(end: PeriodicOrbit, any_period: bool) -> Arrival | str:
-    """Return the stable orbit that a run from an end reaches, of the same or any period; without one, its mode."""
+    """Return the stable orbit that a run from the end of a sheet reaches, or the mode of the run if it reaches none.
+
+    The orbit must have the period of the orbit `end`, unless `any_period`. The run goes on in stages of
+    `LANDS_AFTER` forcing periods, and is tested after each of them.
+    """
     m = end.fixed.map
     run = end.run(LANDS_AFTER[0], m.rtol)
     for more in (0, *LANDS_AFTER[1:]):
