@@ -235,7 +235,7 @@ class SlowFlow:
     def cycles(self) -> list[Cycle]:
         """Return the cycles between the sheets, each once."""
         found: dict[frozenset[float], Cycle] = {}
-        for led in self.leads.values():
+        for led in list(self.leads.values()):  # to follow the flow may find more of them
             try:
                 fate = self.fate(led.orbit) if isinstance(led, Arrival) else ""
             except OrbitError:
