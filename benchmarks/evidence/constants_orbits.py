@@ -56,8 +56,8 @@ HEAD = f"""
 
 `python benchmarks/evidence/constants.py orbits` halves and doubles each number of `dimersweep/analysis/orbits`, and asks the
 same questions each time, those that its file has to do with. The last column has what it notices, halved / doubled: change of
-the work, in forcing periods of the map; and which answers differ by more than {ALIKE:g} (`~` by less than a thousandth, `lost` if
-there is none any more). What none of them notices is a guard, with the reason why it stands.
+the work, in forcing periods of the map; and which answers differ by more than {ALIKE:g} (`~` by less than a thousandth, `lost`
+if there is none any more). What none of them notices is a guard, with the reason why it stands.
 """
 
 
