@@ -263,10 +263,10 @@ def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path, mon
         there.run_many = there.ours
 
     def fail_when_the_rest_is_done():
-        wait_for(lambda: points_on_disk(out) >= 80)
+        wait_for(lambda: points_on_disk(out) >= 60)
         late.touch()
 
-    set_pace(monkeypatch, 5)  # the damaged one holds at most the task that it is at and the next one
+    set_pace(monkeypatch, 5)  # so that the damaged one holds a few of 18 tasks
     monkeypatch.setattr("dimersweep.storage.tilestore.FLUSH_SECONDS", 0.0)
     damaged, _ = cluster.nthreads()
     cluster.run(damage, late, workers=[damaged])
@@ -279,7 +279,7 @@ def test_a_worker_whose_kernel_does_not_work_gets_no_work(cluster, tmp_path, mon
     finally:
         failing.join()
         cluster.run(mend, workers=[damaged])
-    assert 80 <= points_on_disk(out) < 90 and not out.exists()
+    assert 60 <= points_on_disk(out) < 90 and not out.exists()
     assert sweep(client=cluster, out=out).attrs[CHECKSUM] == sweep().attrs[CHECKSUM]
 
 
