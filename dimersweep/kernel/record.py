@@ -52,7 +52,7 @@ def rows_of(record: Record) -> tuple[np.ndarray, np.ndarray]:
 
 
 def with_one_nan(numbers: np.ndarray) -> np.ndarray:
-    """Floats, in place, with the one nan for all that is no number: the sign of 0/0, which has none, is the processor's."""
+    """Replace every nan by the nan of Python, in place, and return the array: the sign bit of 0/0 depends on the processor."""
     numbers[np.isnan(numbers)] = np.nan
     return numbers
 

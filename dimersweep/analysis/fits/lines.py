@@ -45,17 +45,6 @@ class Periodic:
         Inverse variances of the residuals of each axis.
     curve : float
         Second derivative of half the weighted sum of squares by `omega`.
-
-    Attributes
-    ----------
-    omega : float
-        Angular frequency [rad s-1].
-    parts : ndarray, shape (harmonics + 1, axes), complex128
-        Amplitudes for k from 0; those for -k are the conjugates.
-    weights : ndarray, shape (axes,)
-        Inverse variances of the residuals of each axis.
-    curve : float
-        Second derivative of half the weighted sum of squares by `omega`.
     """
 
     omega: float
