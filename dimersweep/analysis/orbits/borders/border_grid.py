@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import suppress
-from dataclasses import replace
 from itertools import groupby, product, takewhile
 from typing import Any
 
@@ -16,7 +15,6 @@ from dimersweep.analysis.orbits.map.finding import RTOL
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
 from dimersweep.cubes.cube import column, finished, fixed_coordinates
 from dimersweep.errors import KernelError, OrbitError, ParameterError
-from dimersweep.inputs import check_switch
 from dimersweep.symbols import PARAMETERS
 
 Index = tuple[int, ...]  # place of a point of a grid: its number along each axis
@@ -261,7 +259,7 @@ def border(
     >>> fold["Gamma"].values.round(3).tolist()
     [0.837, 0.787]
     """
-    curve = replace(asked(kind, parameter, over, spin, rtol, fixed), sustained=check_switch("sustained", sustained))
+    curve = asked(kind, parameter, over, spin, rtol, fixed, sustained)
     walk = GridWalk(curve, start)
     if not walk.found:
         raise OrbitError(f"no {kind} found in {parameter}: {next(iter(walk.told().values()))}")

@@ -18,7 +18,7 @@ from dimersweep.analysis.orbits.continuation.kinds import (
 )
 from dimersweep.analysis.orbits.map.finding import checked, checked_spin
 from dimersweep.errors import ParameterError
-from dimersweep.inputs import as_numbers, check_rtol
+from dimersweep.inputs import as_numbers, check_rtol, check_switch
 from dimersweep.parameters import check_effect, check_name, spelt_out
 from dimersweep.symbols import PARAMETERS
 
@@ -31,7 +31,13 @@ CURVE_OF_KIND: dict[type[Kind], type[Curve]] = {
 
 
 def asked(
-    kind: str, parameter: str, over: Mapping[str, Any], spin: float | None, rtol: float, fixed: dict[str, float]
+    kind: str,
+    parameter: str,
+    over: Mapping[str, Any],
+    spin: float | None,
+    rtol: float,
+    fixed: dict[str, float],
+    sustained: Any,
 ) -> Curve:
     """Return the curve of a kind of border, with its parameters at the first values of `over`.
 
@@ -58,4 +64,5 @@ def asked(
     given = checked(fixed | {name: float(values[0]) for name, values in axes.items()})
     border = BORDER_KINDS[kind]
     curve = next(curve for kinds, curve in CURVE_OF_KIND.items() if isinstance(border, kinds))
-    return curve(border, parameter, given, checked_spin(spin, given), check_rtol(rtol), over=axes)
+    spin, rtol = checked_spin(spin, given), check_rtol(rtol)
+    return curve(border, parameter, given, spin, rtol, over=axes, sustained=check_switch("sustained", sustained))

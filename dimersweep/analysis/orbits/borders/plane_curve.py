@@ -23,7 +23,7 @@ from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit
 from dimersweep.analysis.orbits.map.poincare import OrbitLost, singular_lost
 from dimersweep.cubes.cube import finished
 from dimersweep.errors import OrbitError, ParameterError
-from dimersweep.inputs import as_number, check_count, check_switch, pair_of
+from dimersweep.inputs import as_number, check_count, pair_of
 from dimersweep.parameters import check_name
 from dimersweep.symbols import PARAMETERS
 
@@ -206,8 +206,7 @@ def border_curve(
     if not low < high:
         raise ParameterError(f"span = ({low:g}, {high:g}): the first must be below the second")
     middle = 0.5 * (low + high)
-    curve = asked(kind, parameter, {other: [middle, low, high]}, spin, rtol, fixed)
-    curve = replace(curve, sustained=check_switch("sustained", sustained))
+    curve = asked(kind, parameter, {other: [middle, low, high]}, spin, rtol, fixed, sustained)
     points = check_count("points", points)
     try:
         found = curve.point({}, [], start)
