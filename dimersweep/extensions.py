@@ -23,14 +23,16 @@ COMMANDS = {
 }
 # examples that the help of each command shows, by its name
 COMMAND_EXAMPLES = "commands:ANALYSIS_EXAMPLES"
-# kind of picture of a cube: the function that draws it
+# variables by which tables of attractors, and of orbits, are known
+ATTRACTORS, ORBITS = "attractor", "slow_multiplier"
+# picture in `dimersweep.plots`, of a cube or of attractors: the function that draws it
 CUBE_PICTURES = {"circles": "circles:circles", "attractors": "attractors.pictures:attractors"}
 # variable by which a table is known: the function that draws the table; the last function draws all other tables
-TABLE_PICTURES = {"attractor": CUBE_PICTURES["attractors"], "": "orbits.borders.pictures:draw_borders"}
+TABLE_PICTURES = {ATTRACTORS: CUBE_PICTURES["attractors"], "": "orbits.borders.pictures:draw_borders"}
 # switch of `sweep`: the observer that it adds
 OBSERVERS = {"sustained": "observers:Sustained"}
 # variable by which a table is known: its map in the explorer
-MAPS = {"slow_multiplier": "mapping:BorderMap"}
+MAPS = {ORBITS: "mapping:BorderMap"}
 
 
 def is_installed() -> bool:

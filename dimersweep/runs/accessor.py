@@ -11,7 +11,7 @@ import xarray as xr
 from dimersweep.cubes.cube import check_codes, names, number_of, same_number
 from dimersweep.cubes.findings import nearest
 from dimersweep.errors import ParameterError, unknown
-from dimersweep.extensions import TABLE_PICTURES, load
+from dimersweep.extensions import ATTRACTORS, TABLE_PICTURES, load
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.model.layout import M_DRIFT
@@ -77,7 +77,7 @@ class DatasetAccessor:
     def is_cube(self) -> bool:
         """True if the data are a cube, False if they are a table."""
         data = self._data
-        return "mode" in data and "flag_meanings" in data["mode"].attrs and "attractor" not in data.variables
+        return "mode" in data and "flag_meanings" in data["mode"].attrs and ATTRACTORS not in data.variables
 
     @property
     def _cube(self) -> xr.Dataset:

@@ -9,6 +9,7 @@ import xarray as xr
 from dimersweep.cubes.cube import line_number, made_number, same_number, settings_in
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.errors import ParameterError
+from dimersweep.extensions import ATTRACTORS
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import reduced, value_of, without_effect
 from dimersweep.runs.solving import RunSettings
@@ -93,7 +94,7 @@ def _parameters_at(point: xr.Dataset) -> dict[str, float]:
             raise ParameterError(f"{min({*told} - given)}: comes from another cube than this point; {AS_MADE}")
     if lost:
         raise ParameterError(f"{lost[0]}: {LOST_HERE}")
-    if "attractor" not in point["mode"].dims:
+    if ATTRACTORS not in point["mode"].dims:
         _value(point, "mode")
     if "made_with" in point:
         varied = point["made_with"].attrs.get("varied", "").split()

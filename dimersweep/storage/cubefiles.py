@@ -13,6 +13,7 @@ import xarray as xr
 from dimersweep.cubes.cube import FLAGS, check_codes, check_flags, same_number, settings_in
 from dimersweep.cubes.grid import MAX_POINTS
 from dimersweep.errors import StoreError
+from dimersweep.extensions import ATTRACTORS, ORBITS
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.parameters import completed
 from dimersweep.storage.blocks import blocks
@@ -112,7 +113,7 @@ def open_result(path: Path) -> xr.Dataset:
         If the file is neither a cube nor such a table.
     """
     with format_at(path).opened(path) as data:
-        if {"attractor", "slow_multiplier"} & {*data.variables}:
+        if {ATTRACTORS, ORBITS} & {*data.variables}:
             return data.load()
     return open_cube(path)
 
