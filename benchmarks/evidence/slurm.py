@@ -159,7 +159,7 @@ def _(there: Slurm, bits: Bits) -> Came:
 def stopped(made: Driver) -> tuple[float, bool, str]:
     """Press Ctrl-C: how long the driver takes [s], whether nobody computes then, or has a traceback in a log, and in words."""
     begun = time.monotonic()
-    os.kill(made.process.pid, signal.SIGINT)
+    made.process.send_signal(signal.SIGINT)
     made.wait_for(lambda: made.value("stopped"), 240)
     took = time.monotonic() - begun
     made.wait_for(lambda: made.value("busy") is not None, 240)

@@ -1,7 +1,7 @@
 """A SLURM of three nodes on this host, in a folder of its own, for ``slurm.py``: all on loopback, and ended with its context.
 
 It needs root, and Debian's packages slurm-wlm and munge. Jobs, and whoever submits them, are of a user that is not root. Where
-that user cannot reach the interpreter that runs this, its folder is mounted where it can.
+that user cannot reach the interpreter that runs this, a copy of it is put where it can.
 """
 
 import os
@@ -75,7 +75,6 @@ class Slurm:
     def __init__(self, folder: Path) -> None:
         self.folder, self.home = folder, folder / "home"
         self.daemons: list[subprocess.Popen[bytes]] = []
-        self.mounted: list[Path] = []
         self.user = pwd.getpwnam(USER)
         self.python = Path(sys.executable)
         self.environment: dict[str, str] = {}
@@ -131,14 +130,10 @@ class Slurm:
         try:
             subprocess.run([self.python, "-c", ""], check=True, **self._as_user())
         except PermissionError:
-            place = self.folder / "python"
-            place.mkdir()
-            self.mounted.append(place)
-            # read-only: whoever deletes this folder, before it is unmounted, would delete the interpreter of the whole machine
-            subprocess.run(["mount", "--bind", "-o", "ro", sys.base_prefix, str(place)], check=True)
-            if not os.statvfs(place).f_flag & os.ST_RDONLY:
-                raise RuntimeError(f"{place}: is mounted so that it can be written to; nothing is played") from None
-            self.python = place / self.python.relative_to(os.path.realpath(sys.base_prefix))
+            base, place = os.path.realpath(sys.base_prefix), self.folder / "python"
+            left_out = shutil.ignore_patterns("site-packages", "test", "__pycache__", "share")
+            shutil.copytree(base, place, symlinks=True, ignore=left_out)
+            self.python = place / self.python.relative_to(base)
         program = self.home / "bin" / "dimersweep"
         program.write_text(f'#!/bin/sh\nexec {self.python} -m dimersweep "$@"\n')
         program.chmod(0o755)
@@ -164,11 +159,9 @@ class Slurm:
         return {"user": self.user.pw_uid, "group": self.user.pw_gid, "extra_groups": []}
 
     def end(self) -> None:
-        """End all that was started; what is mounted goes first, and no second signal comes between."""
+        """End all that was started; no second signal comes between."""
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        for each in self.mounted:
-            subprocess.run(["umount", "--lazy", str(each)], check=False)
         with suppress(OSError, subprocess.SubprocessError):
             self.said("scancel", "--full", "--signal=KILL", "--user", USER)
             self.said("scancel", "--user", USER)
