@@ -504,8 +504,8 @@ def busy(dask_worker):
 
 @pytest.mark.jit
 @pytest.mark.parametrize("how", ["Ctrl-C", "fail_fast"])
-def test_nobody_computes_a_second_after_a_stop(cluster, how, recwarn):
-    """The points of the second half take a minute, unless they are stopped, or fail at once where that ends the sweep."""
+def test_nobody_computes_after_a_stop(cluster, how, recwarn):
+    """The points of the second half take ten minutes, unless they are stopped, or fail where that ends the sweep."""
 
     def delay(fails):
         import time
@@ -521,7 +521,7 @@ def test_nobody_computes_a_second_after_a_stop(cluster, how, recwarn):
             if fails and (rows[:, ROW.index("f")] == 25).any():
                 rest[-1][:, [CODE_MODE, CODE_STATUS]] = M_FAILED, JAMMED
                 return made
-            ends = time.monotonic() + 60 * (rows[:, ROW.index("f")] == 20).any()
+            ends = time.monotonic() + 600 * (rows[:, ROW.index("f")] == 20).any()
             while not is_stopped(space) and time.monotonic() < ends:
                 time.sleep(0.01)
             return made
@@ -546,7 +546,9 @@ def test_nobody_computes_a_second_after_a_stop(cluster, how, recwarn):
             threading.Thread(target=interrupt).start()
         with pytest.raises(KeyboardInterrupt if how == "Ctrl-C" else PointError):
             dimersweep.sweep(points=points, periods=10, progress=False, client=cluster, fail_fast=how == "fail_fast")
-        time.sleep(1.0)
+        ends = time.monotonic() + 60  # in which a busy machine stops them, and none of them ends by itself
+        while any(cluster.run(busy).values()) and time.monotonic() < ends:
+            time.sleep(0.1)
         assert set(cluster.run(busy).values()) == {0}
         assert not cluster.futures
     finally:
@@ -557,7 +559,7 @@ def test_nobody_computes_a_second_after_a_stop(cluster, how, recwarn):
 
 
 @pytest.mark.jit
-def test_the_loss_of_the_scheduler_is_told_and_costs_nothing_finished(tmp_path):
+def test_the_loss_of_the_scheduler_is_told_and_costs_nothing_finished(tmp_path, recwarn):
     from distributed import Client, LocalCluster
 
     out = tmp_path / "cube.nc"
@@ -579,6 +581,7 @@ def test_the_loss_of_the_scheduler_is_told_and_costs_nothing_finished(tmp_path):
     closing.join()
     client.close()
     assert points_on_disk(out)
+    assert not any("told to stop" in str(each.message) for each in recwarn.list)
 
 
 LOGS = ("distributed.client", "tornado.application")

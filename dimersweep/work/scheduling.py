@@ -232,6 +232,8 @@ def cluster(client: Any) -> Iterator[Pool]:
             return executor.submit(run_elsewhere, *given, priority=-ahead)
 
     def stop() -> None:
+        if client.scheduler is None:  # a client that is closed, as after its scheduler has gone, reaches no worker
+            return
         for error in answers(client.run, stop_elsewhere, asker, on_error="return").values():
             has_left = isinstance(error, OSError) and not isinstance(error, TimeoutError)
             if error is not None and not has_left:
