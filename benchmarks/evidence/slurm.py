@@ -5,7 +5,8 @@
     python benchmarks/evidence/slurm.py --small          what CI plays: the recipe of the page and an array, less than a minute
 
 It takes root, and Debian's packages slurm-wlm and munge, and for some scenes ``mpirun`` and pip; where something is missing, it
-says what. A scene ends with 0 if it holds. All daemons are ended with it.
+says what. It ends with the number of scenes that did not hold, or with 77 where no SLURM comes up; all
+daemons are ended with it.
 """
 
 import argparse
@@ -24,15 +25,12 @@ from threading import Lock
 from typing import Any, NamedTuple
 
 from slurm_driver import sweep
-from slurm_nodes import Slurm, slurm, why_not
+from slurm_nodes import LeftOut, Slurm, slurm, why_not
 
 DRIVER = Path(__file__).with_name("slurm_driver.py")
+LEFT_OUT = 77  # exit status where no SLURM comes up
 SILENT, COMING = 70.0, 30.0  # seconds that nothing may be silent, and in which three jobs are to come
 FEW, SOME, MANY, ENDLESS = 1500, 4500, 10_000, 200_000  # points
-
-
-class LeftOut(Exception):
-    """A scene that cannot be played here, with the reason."""
 
 
 class Driver:
@@ -475,10 +473,18 @@ def main() -> int:
     parser.add_argument("--only", default="", help="scenes with this in their names")
     parser.add_argument("--small", action="store_true", help="what CI plays")
     asked = parser.parse_args()
-    if why := why_not():
-        print(f"slurm: left out: {why}")
-        return 0
     chosen = SMALL if asked.small else [name for name in SCENES if name not in SMALL[:1] and asked.only in name]
+    try:
+        if why := why_not():
+            raise LeftOut(why)
+        return play_all(chosen, SMALL if asked.small else (*WAITING, "give up", "time limit"))
+    except LeftOut as reason:
+        print(f"slurm: left out: {reason}")
+        return LEFT_OUT
+
+
+def play_all(chosen: Sequence[str], together: Sequence[str]) -> int:
+    """Play scenes, some of them at the same time, and print a line for each; how many did not hold."""
     failed, bits = 0, Bits()
     with (
         tempfile.TemporaryDirectory(prefix="slurm-", ignore_cleanup_errors=True) as place,
@@ -486,7 +492,6 @@ def main() -> int:
     ):
         Path(place).chmod(0o755)
         print("| scene | asked | came | same bits |\n|---|---|---|---|", flush=True)
-        together = SMALL if asked.small else (*WAITING, "give up", "time limit")
         with ThreadPoolExecutor(len(together)) as pool:  # these wait most of their time
             waiting = {name: pool.submit(played, name, there, bits) for name in chosen if name in together}
         there.said("scancel", "--user", there.user.pw_name)

@@ -4,6 +4,7 @@ It needs root, and Debian's packages slurm-wlm and munge. Jobs, and whoever subm
 that user cannot reach the interpreter that runs this, a copy of it is put where it can.
 """
 
+import importlib.util
 import os
 import pwd
 import shutil
@@ -52,12 +53,33 @@ PartitionName=closed Nodes=n1 MaxTime=60 State=DOWN
 """
 
 
+class LeftOut(Exception):
+    """What cannot be played here, with the reason."""
+
+
 def why_not() -> str:
     """Why no SLURM can be set up here; "" if one can."""
     if os.geteuid() != 0:
         return "it takes root to set a SLURM up"
-    lacking = [name for name in PROGRAMS if shutil.which(name) is None]
-    return f"there is no {lacking[0]} (Debian: slurm-wlm, munge)" if lacking else ""
+    if lacking := [name for name in PROGRAMS if shutil.which(name) is None]:
+        return f"there is no {lacking[0]} (Debian: slurm-wlm, munge)"
+    if importlib.util.find_spec("dask_jobqueue") is None:
+        return "there is no dask_jobqueue (pip install '.[cluster]')"
+    for place in (ROOT, *site_packages()):
+        if subprocess.run(["test", "-x", place], check=False, **as_user()).returncode:
+            return f"the user {USER}, of whom jobs are, cannot read {place}"
+    return ""
+
+
+def as_user() -> dict[str, Any]:
+    """What starts a process as the user of jobs."""
+    user = pwd.getpwnam(USER)
+    return {"user": user.pw_uid, "group": user.pw_gid, "extra_groups": []}
+
+
+def site_packages() -> list[str]:
+    """Where the packages of this process are."""
+    return [path for path in sys.path if path.endswith("site-packages")]
 
 
 def free_ports(count: int) -> list[int]:
@@ -101,7 +123,7 @@ class Slurm:
         ends = time.monotonic() + 60
         while (told := self.said("sinfo", "-h", "-p", "normal", "-o", "%T %D")) != f"idle {NODES}":
             if time.monotonic() > ends:
-                raise RuntimeError(f"SLURM does not come up: {told}\n{self.log('slurmctld')}")
+                raise LeftOut(f"SLURM does not come up: {told}\n{self.log('slurmctld')}")
             time.sleep(0.2)
 
     def _daemon(self, *command: str) -> None:
@@ -120,15 +142,14 @@ class Slurm:
         ends = time.monotonic() + 20
         while not place.exists():
             if time.monotonic() > ends:
-                raise RuntimeError("munged does not come up")
+                raise LeftOut("munged does not come up")
             time.sleep(0.1)
 
     def _reach_python(self) -> None:
         """Give the user of jobs an interpreter with this checkout, its packages, and the code that is compiled already."""
-        packages = [path for path in sys.path if path.endswith("site-packages")]
         self.python = Path(os.path.realpath(sys.executable))
         try:
-            subprocess.run([self.python, "-c", ""], check=True, **self._as_user())
+            subprocess.run([self.python, "-c", ""], check=True, **as_user())
         except PermissionError:
             base, place = os.path.realpath(sys.base_prefix), self.folder / "python"
             left_out = shutil.ignore_patterns("site-packages", "test", "__pycache__", "share")
@@ -142,7 +163,7 @@ class Slurm:
             "HOME": str(self.home),
             "LANG": "C.UTF-8",
             "SLURM_CONF": str(self.folder / "slurm.conf"),
-            "PYTHONPATH": os.pathsep.join([str(ROOT), *packages]),
+            "PYTHONPATH": os.pathsep.join([str(ROOT), *site_packages()]),
             "PYTHONDONTWRITEBYTECODE": "1",
             "LD_LIBRARY_PATH": str(self.python.parents[1] / "lib"),  # else the system's libpython might be found first
         }
@@ -154,9 +175,6 @@ class Slurm:
     def own(self, path: Path) -> None:
         """Make all below a path the user's."""
         subprocess.run(["chown", "-R", f"{self.user.pw_uid}:{self.user.pw_gid}", str(path)], check=True)
-
-    def _as_user(self) -> dict[str, Any]:
-        return {"user": self.user.pw_uid, "group": self.user.pw_gid, "extra_groups": []}
 
     def end(self) -> None:
         """End all that was started; no second signal comes between."""
@@ -190,7 +208,7 @@ class Slurm:
                 stderr=told,
                 stdin=subprocess.DEVNULL,
                 start_new_session=True,
-                **self._as_user(),
+                **as_user(),
             )
 
     def said(self, *command: str) -> str:
