@@ -250,11 +250,18 @@ def array(there: Slurm, bits: Bits, points: int, parts: int, most: int) -> Came:
 
 
 def silent(there: Slurm, name: str, words: tuple[str, ...], **asked: Any) -> Came:
-    """Nothing comes: how long it takes until a line says so, with these words."""
+    """Nothing comes: how long it takes, after the beginning or the last result, until a line says so, with these words."""
     made = Driver(there, name, FEW, **asked)
-    line = made.wait_for(lambda: made.line(*words), SILENT + 30)
-    begun = next((each["time"] for each in made.told if "begun" in each), made.begun)
-    took = time.time() - begun
+    done, since = 0, made.begun
+
+    def heard() -> str:
+        nonlocal done, since
+        if made.points() != done or "begun" not in made.text:
+            done, since = made.points(), time.time()
+        return made.line(*words)
+
+    line = made.wait_for(heard, SILENT + 60)
+    took = time.time() - since
     made.end(number=signal.SIGKILL)
     return Came(bool(line) and took < SILENT, f"after {took:.0f} s: {line or made.text[-300:]}"[:260])
 
