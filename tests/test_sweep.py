@@ -293,6 +293,17 @@ def test_tiles_of_many_workers_are_longer_and_reached_in_two_waves():
     assert (pace.length, pace.in_flight) == (500, 1000)  # each of them gets a few
 
 
+def test_an_adaptive_cluster_sees_that_much_is_wanted_before_it_has_workers_and_once_a_task_has_come_back():
+    workers = [0]
+    pace = Pace(10_000, lambda: workers[0], demand=4096)
+    assert pace.in_flight == 128
+    workers[0] = 4
+    assert pace.in_flight == 4  # tasks of one point, which cost more than they compute
+    for _ in range(40):
+        note(pace, 1, 0.004)
+    assert (pace.length, pace.in_flight) == (125, 4096)
+
+
 def test_results_are_taken_in_the_calling_thread(fake_kernel, monkeypatch):
     threads = set()
     monkeypatch.setattr(Tally, "add", lambda self, modes, seconds: threads.add(threading.current_thread()))

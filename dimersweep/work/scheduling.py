@@ -30,7 +30,8 @@ IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that no worke
 # number of tasks that a cluster has at a time, however few workers it has. An adaptive cluster asks for a thread for
 # every 5 s of work, or every ten tasks: these are enough for 400 threads at once
 DEMAND = 4096
-# number of tasks, each of one point, that a cluster has before one has come back: dask reckons half a second for each
+# number of tasks, each of one point, that a cluster without workers has before one has come back: dask reckons half a
+# second for each
 FIRST_SHOWN = 128
 TASK_GRACE = 1.0  # time to wait for running tasks when the sweep is stopped [s]
 CONNECT_SECONDS = 10.0  # time to find a scheduler [s]
@@ -102,8 +103,11 @@ class Pace:
     @property
     def in_flight(self) -> int:
         """Largest number of tasks under way; small as long as the time of a point is not known."""
-        ahead = self.demand if self.is_known else min(FIRST_SHOWN, self.demand)
-        return max(ahead, (IN_FLIGHT if self.seen else 1) * max(1, self.workers()))
+        workers = self.workers()
+        # workers that are there answer soon, and a task of one point costs more than it computes
+        shown = 0 if workers else min(FIRST_SHOWN, self.demand)
+        ahead = self.demand if self.is_known else shown
+        return max(ahead, (IN_FLIGHT if self.seen else 1) * max(1, workers))
 
     def note(self, points: int, seconds: float) -> None:
         """Set the length of the next tasks from a task that has run a number of points in a time [s]."""
