@@ -8,10 +8,12 @@ from math import erfc
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import f as f_distribution
 from scipy.stats import multivariate_normal
 
 import dimersweep
 from dimersweep import fits, orbits, simulate
+from dimersweep.analysis.fits import tracks
 from dimersweep.analysis.fits.valley import Valley
 from dimersweep.errors import OrbitError, ParameterError, Stopped
 from tests.seams import before_each_misfit, every_line
@@ -86,6 +88,17 @@ def test_the_error_of_a_coordinate_is_read_off_the_residuals():
     assert track.sigma == pytest.approx(0.02, rel=4 / np.sqrt(2 * 800))
     for name, true in (("path_radius", 3.0), ("period", 4 * np.pi)):
         assert abs(track.values[name] - true) < 4 * track.errors[name]
+
+
+def test_a_quicker_turn_fits_about_as_well_if_chance_adds_as_much_to_the_sum_of_squares():
+    """With 2 n coordinates, and 1 + 2 k parameters, by the F distribution of 1 and 2 n - 1 - 2 k degrees of freedom."""
+    rng = np.random.default_rng(8)
+    s, coefficients = np.linspace(-0.5, 0.5, 12), np.array([0.2 - 0.1j, 3.0 + 1.0j])
+    noise = rng.normal(0, 0.1, 12) + 1j * rng.normal(0, 0.1, 12)
+    _, _, by_chance = tracks._scatter(s, coefficients[0] + coefficients[1] * np.exp(5j * s) + noise, 5.0, coefficients)
+    free = 2 * 12 - 1 - 2 * 2
+    variance = (noise.real @ noise.real + noise.imag @ noise.imag) / free
+    assert by_chance == pytest.approx(variance * f_distribution.isf(tracks.CHANCE_OF_ALIAS, 1, free))
 
 
 def track_of(run, t, error=0.0, rng=None, sigma=None):
@@ -388,6 +401,9 @@ def test_a_phase_is_measured_round_the_clock():
     orbit = orbits.find()
     density = fits.Likelihood({"impact_phase": (1 - 0.01, 0.01)}, {"e": (0.55, 0.75)})
     assert_allclose(density.residuals(orbit), (orbit.impact_phase + 0.01) / 0.01)
+    for late in (-0.003, 0.003):
+        density = fits.Likelihood({"impact_phase": (orbit.impact_phase + late, 0.01)}, {"e": (0.55, 0.75)})
+        assert_allclose(density.residuals(orbit), -late / 0.01)
 
 
 # --- input, output ----------------------------------------------------------------------------------------------------

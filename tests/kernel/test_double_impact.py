@@ -229,6 +229,18 @@ def test_two_ends_at_rest_hold_up_to_the_sum_of_their_limits(n_1, n_2, A_r):
         assert hit == [IMPACT + mode] * len(hit)
 
 
+@pytest.mark.parametrize(("n_1", "n_2"), [(-0.1, -0.3), (-0.3, -0.2)])
+def test_each_end_holds_by_its_own_normal_force(n_1, n_2):
+    """Both hold if and only if |A| <= mu_s_1 f_1 + mu_s_2 f_2, here with mu_s_2 half as large as mu_s_1."""
+    w = dimer(A_r=6.0).pair
+    f_1, f_2 = (-n_1) ** 1.5, (-n_2) ** 1.5
+    limit = w.na_2 / w.aa * abs(f_2 - f_1) / (f_1 + 0.5 * f_2)
+    for factor, mode in ((1 + 1e-8, STICK), (1 - 1e-8, SLIP)):
+        held = {"mu_s_1": limit * factor, "mu_s_2": 0.5 * limit * factor}
+        digits = first_phase(dimer(A_r=6.0, mu_1=0.5 * limit, mu_2=0.25 * limit, **held), n_1, n_2)
+        assert digits == (IMPACT + mode, IMPACT + mode)
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_within_an_impact_an_end_is_held_by_mu_s_whatever_holds_a_lasting_contact(seed):
     """Also one at rest beside an end that slips; with another mu_s some of these come to another outcome."""
