@@ -31,6 +31,8 @@ CUBE_PICTURES = {"circles": "circles:circles", "attractors": "attractors.picture
 TABLE_PICTURES = {ATTRACTORS: CUBE_PICTURES["attractors"], "": "orbits.borders.pictures:draw_borders"}
 # switch of `sweep`: the observer that it adds
 OBSERVERS = {"sustained": "observers:Sustained"}
+# code that the numbers of orbits pass, besides that of runs: it counts in the version of results with orbits
+ORBITS_CODE = ("analysis/orbits", "analysis/observers.py")
 # variable by which a table is known: its map in the explorer
 MAPS = {ORBITS: "mapping:BorderMap"}
 

@@ -75,7 +75,7 @@ ATTRIBUTES = {
     "configuration": "all that decides the numbers, as JSON: axes, fixed parameters, periods, accuracy, version of the kernel",
     "configuration_sha256": "checksum of that text; a cube in which they differ is refused",
     "values_sha256": "checksum of coordinates and values; a cube in which they differ is not gone on with",
-    "kernel_version": "checksum of the sources of the kernel",
+    "kernel_version": "checksum of the code that the numbers come from, without comments and docstrings",
     "git_commit": "revision of the program, or unknown",
     "git_dirty": "whether its files had been changed since",
     "python": "version",

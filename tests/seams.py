@@ -135,7 +135,7 @@ def no_warm_up(patch):
 def another_version(patch, version="another"):
     """As if the kernel had been edited."""
     for place in ("studies.study", "runs.accessor"):
-        patch.setattr(f"dimersweep.{place}.kernel_version", lambda: version)
+        patch.setattr(f"dimersweep.{place}.kernel_version", lambda *code: version)
 
 
 def exit_plainly(patch):

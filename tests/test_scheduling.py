@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 import dimersweep
 from dimersweep.cubes.results import RESULT, Tile, blank_results, chunks, common, gaps, pieces, runs
 from dimersweep.errors import KernelError, ParameterError, PointError, UnfinishedError
+from dimersweep.extensions import ORBITS_CODE
 from dimersweep.faces import __version__
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import is_stopped
@@ -221,7 +222,7 @@ def test_workers_with_another_kernel_are_refused_before_they_compile(cluster):
         import dimersweep.work.scheduling as there
 
         there.ours = there.kernel_version, there.get_ready
-        there.kernel_version, there.get_ready = lambda: "another", None
+        there.kernel_version, there.get_ready = lambda *code: "another", None
 
     def be_honest():
         import dimersweep.work.scheduling as there
@@ -641,7 +642,7 @@ class Endless(NamedTuple):
 
 def test_a_task_elsewhere_ends_when_its_asker_says_so(monkeypatch):
     monkeypatch.setattr(scheduling, "get_ready", lambda: None)
-    run = partial(scheduling.run_elsewhere, Endless(), np.arange(3), 60.0, (kernel_version(), __version__))
+    run = partial(scheduling.run_elsewhere, Endless(), np.arange(3), 60.0, (kernel_version(*ORBITS_CODE), __version__))
     with ThreadPoolExecutor(2) as pool:
         mine, other = pool.submit(run, "mine"), pool.submit(run, "another's")
         scheduling.stop_elsewhere("mine")

@@ -180,7 +180,7 @@ def _(scene: Scene) -> str | None:
         from dimersweep.kernel.compiler import versions
         from dimersweep.work import scheduling
 
-        versions.kernel_version = scheduling.kernel_version = lambda: "another"
+        versions.kernel_version = scheduling.kernel_version = lambda *code: "another"
 
     return refused(scene, pretend, "has another kernel")
 

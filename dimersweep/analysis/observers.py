@@ -9,6 +9,8 @@ from dimersweep.analysis.orbits.slow.sustained import sustained
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.results import Field
 from dimersweep.errors import OrbitError
+from dimersweep.extensions import ORBITS_CODE
+from dimersweep.kernel import kernel_version
 from dimersweep.kernel.batch import Workspace, is_stopped
 from dimersweep.kernel.model.layout import OUT, ROW
 from dimersweep.studies.observers import FinishedRuns, Observer
@@ -28,8 +30,8 @@ class Sustained(Observer):
     )
 
     def settings(self) -> dict[str, Any]:
-        """Return the switch of `sweep` that asks for this observer."""
-        return {"sustained": True}
+        """Return the switch of `sweep` that asks for this observer, and the version of results with orbits."""
+        return {"sustained": True, "kernel_version": kernel_version(*ORBITS_CODE)}
 
     def observe(self, ran: FinishedRuns, space: Workspace) -> None:
         """Compute the sustained spins of each point, and record their number and the attracting circle."""

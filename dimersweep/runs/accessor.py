@@ -11,7 +11,7 @@ import xarray as xr
 from dimersweep.cubes.cube import check_codes, names, number_of, same_number
 from dimersweep.cubes.findings import nearest
 from dimersweep.errors import ParameterError, unknown
-from dimersweep.extensions import ATTRACTORS, TABLE_PICTURES, load
+from dimersweep.extensions import ATTRACTORS, ORBITS_CODE, TABLE_PICTURES, load
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.model.layout import M_DRIFT
@@ -43,7 +43,7 @@ def is_of_this_kernel(kernel: float, what: str) -> bool:
 
     `kernel` is the number of the cube's kernel (`cubes.cube.number_of`).
     """
-    if same_number(kernel, number_of(kernel_version())):
+    if any(same_number(kernel, number_of(version)) for version in (kernel_version(), kernel_version(*ORBITS_CODE))):
         return True
     warnings.warn(f"the cube was made by another version of the kernel; {what}", RuntimeWarning, stacklevel=3)
     return False

@@ -18,6 +18,7 @@ import numpy as np
 
 from dimersweep.cubes.results import Tile, blank_results, chunks, ranges_of
 from dimersweep.errors import KernelError, ParameterError, UserError, one_line
+from dimersweep.extensions import ORBITS_CODE
 from dimersweep.faces import __version__
 from dimersweep.kernel import kernel_version
 from dimersweep.work.proving import is_proven
@@ -144,6 +145,11 @@ def stop_elsewhere(asker: str) -> None:
     _flags.setdefault(asker, StopFlag()).set()
 
 
+def _versions() -> tuple[str, str]:
+    """Return the version of results with orbits, which an observer may ask for, and that of dimersweep."""
+    return kernel_version(*ORBITS_CODE), __version__
+
+
 def run_elsewhere(work: Work, points: np.ndarray, seconds: float, asked: tuple[str, str], asker: str) -> TaskResult:
     """Run points in a worker process for an asker in another process, if the kernel is the same there, and proven here.
 
@@ -157,8 +163,8 @@ def run_elsewhere(work: Work, points: np.ndarray, seconds: float, asked: tuple[s
         If the kernel cannot run here, or gives wrong numbers.
     """
     who = f"scheduler: worker process {os.getpid()} on {socket.gethostname()}"
-    if asked[0] != kernel_version():  # asked first, before minutes are spent on compiling
-        one, other = " of dimersweep ".join(asked), f"{kernel_version()} of dimersweep {__version__}"
+    if asked[0] != _versions()[0]:  # asked first, before minutes are spent on compiling
+        one, other = (" of dimersweep ".join(versions) for versions in (asked, _versions()))
         raise ParameterError(f"{who} has another kernel ({one} here, {other} there); give all the same version")
     try:
         get_ready()
@@ -232,7 +238,7 @@ def cluster(client: Any) -> Iterator[Pool]:
         # the task carries its points along: data scattered beforehand could die with a worker. Its priority is lower
         # the more tasks of this driver are ahead, so that tasks of another driver pass
         with _connection():
-            given = *work.narrowed(points), seconds, (kernel_version(), __version__), asker
+            given = *work.narrowed(points), seconds, _versions(), asker
             return executor.submit(run_elsewhere, *given, priority=-ahead)
 
     def stop() -> None:

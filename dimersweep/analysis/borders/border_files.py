@@ -23,6 +23,7 @@ from dimersweep.analysis.orbits.slow.families import family, spin_range
 from dimersweep.cubes.cube import column, finished
 from dimersweep.cubes.grid import axis_values, evenly, fixed_value
 from dimersweep.errors import OrbitError, ParameterError, Stopped, unknown
+from dimersweep.extensions import ORBITS_CODE
 from dimersweep.inputs import as_number, check_count
 from dimersweep.kernel import kernel_version
 from dimersweep.parameters import check_name, spelt_out, value_of
@@ -125,7 +126,7 @@ class Borders(BorderFileSection):
     @property
     def configuration(self) -> dict[str, Any]:
         """All settings that decide the numbers, as JSON can hold them, with the version of the kernel."""
-        return self.model_dump(mode="json", exclude_none=True) | {"kernel_version": kernel_version()}
+        return self.model_dump(mode="json", exclude_none=True) | {"kernel_version": kernel_version(*ORBITS_CODE)}
 
     @property
     def what(self) -> str:

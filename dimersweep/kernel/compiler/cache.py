@@ -20,18 +20,22 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from dimersweep.kernel.compiler.versions import sources_digest, take_digests
+from dimersweep.kernel.compiler.versions import digest_of, sources, take_sources
 
 KEPT_SECONDS = 30 * 86400.0  # age at which a file that no process has used is deleted [s]
 SUFFIX = ".code"
 DIGEST_BYTES = 32  # bytes of the checksum of name and code in front of the code: damaged code could end the process
 _OURS = re.compile(r"[0-9a-f]{16}-.+\.(code|tmp)")  # names of the files of this cache
-_folder_digest = functools.cache(sources_digest)
 # set while a function that Python calls is compiled; set once such a function has been compiled or loaded
 under_way, ready = threading.Event(), threading.Event()
-# the digests are taken before the modules with the kernel's functions are imported: the sources may be edited after
-# that
-take_digests()
+# the sources are taken before the modules with the kernel's functions are imported: they may be edited after that
+take_sources()
+
+
+@functools.cache
+def _folder_digest(folder: Path) -> bytes:
+    """Return a hash of the sources below a folder."""
+    return digest_of(sources(folder))
 
 
 def base_folders() -> list[Path]:

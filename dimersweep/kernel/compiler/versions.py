@@ -2,14 +2,15 @@
 
 The version of code names the files of compiled code. It covers the sources of the kernel, the compiler with its
 settings, and the processor that code is made for. The version of results is compared between workers, and with former
-sweeps. It covers the sources of all modules that a number passes on its way into a cube, and nothing else. They say how
-sums of products are rounded (``fusing.py``), and ``work.proving`` proves that the compiler and the processor keep to
-it.
+sweeps. It covers the code that a number passes on its way into the result of a point (`POINTS`), and nothing else:
+neither comments, docstrings and blank lines, nor what stores, draws and reports results. Code says how sums of products
+are rounded (``fusing.py``), and ``work.proving`` proves that the compiler and the processor keep to it.
 """
 
 import hashlib
 import platform
-from collections.abc import Collection
+import re
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,30 +21,48 @@ INSTRUCTIONS = ("avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe")  # instr
 ARM = ("aarch64", "arm64")  # machines of which every processor has the instructions that matter, such as fma
 # settings in numba.config that change the machine code
 SETTINGS = ("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "ENABLE_AVX", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE", "USING_SVML")
-BESIDE = ("cli", "exploring", "plots")  # rooms of the package that read cubes, and have no part in their numbers
-KERNEL = Path(__file__).parents[1]
+PACKAGE = Path(__file__).parents[2]
+# folders and modules of the package that decide the results of points: the model; parameters to rows of the kernel, and
+# points to parameters; runs, with what is observed of them; searches and refined maps, which choose their runs
+POINTS = (
+    *("kernel", "symbols.py", "parameters.py", "cubes/grid.py", "cubes/results.py", "runs"),
+    *(f"studies/{name}.py" for name in ("study", "search", "deciding", "refine", "observers", "observing")),
+)
+_TRIPLE = r'"""[^"\\]*(?:(?:\\.|"(?!""))[^"\\]*)*"""'
+_COMMENT = r"\#[^\n]*"
+# what is read of a source: a docstring, of which the colon before it is kept; another string, which is kept; or the
+# spaces and the comment that end a line. Each begins with one of a few characters, so that the search is quick
+_READ = re.compile(
+    rf"""(:)[ ]*(?:{_COMMENT})?\s*\n(?:\s*{_COMMENT}\n)*\s*{_TRIPLE}(?=\s*(?:\#|\n|\Z))
+    |({_TRIPLE} | '''.*?''' | "(?:[^"\\\n]|\\.)*" | '(?:[^'\\\n]|\\.)*')
+    |(?:\s+(?:{_COMMENT})? | {_COMMENT})(?=\n|\Z)""".encode(),
+    re.DOTALL | re.VERBOSE,
+)
 
 
-def sources(folder: Path, beside: Collection[str] = ()) -> list[Path]:
-    """Return the Python sources below `folder`, in order, without those in the rooms `beside`."""
-    return [path for path in sorted(folder.rglob("*.py")) if path.relative_to(folder).parts[0] not in beside]
+def sources(folder: Path) -> dict[str, bytes]:
+    """Return the texts of the Python sources below a folder by their paths there, in order."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*.py"))}
 
 
-def sources_digest(folder: Path, beside: Collection[str] = ()) -> bytes:
-    """Return a hash of the sources below `folder`, with their paths, without those in the rooms `beside`."""
-    digest = hashlib.sha256()
-    for path in sources(folder, beside):
-        digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.digest()
+def digest_of(texts: Mapping[str, bytes]) -> bytes:
+    """Return a hash of texts with their paths."""
+    return hashlib.sha256(b"".join(b"%b\0%b\0" % (path.encode(), text) for path, text in texts.items())).digest()
 
 
 @cache
-def take_digests() -> tuple[bytes, bytes]:
-    """Return hashes of the sources of the kernel, and of all modules that numbers pass on their way into a cube.
+def take_sources() -> dict[str, bytes]:
+    """Return the texts of all sources of the package, by their paths in it.
 
     They are to be taken before these modules are imported, since a file may be edited after that.
     """
-    return sources_digest(KERNEL), sources_digest(KERNEL.parent, BESIDE)
+    return sources(PACKAGE)
+
+
+def bare(source: bytes) -> bytes:
+    """Return a source without its comments, docstrings and blank lines."""
+    # a module's docstring stands behind no colon: it gets one, too
+    return _READ.sub(lambda read: read[1] or read[2] or b"", b":\n" + source)
 
 
 def target(common: bool = True) -> tuple[str, str]:
@@ -82,9 +101,16 @@ def compiler(way: str) -> dict[str, str]:
 @cache
 def code_version(way: str) -> str:
     """Return the version of code compiled this way, by the kernel's sources and the compiler: 16 hexadecimal digits."""
-    return hashlib.sha256(take_digests()[0] + str(compiler(way)).encode()).hexdigest()[:16]
+    kernel = {path: text for path, text in take_sources().items() if path.startswith("kernel/")}
+    return hashlib.sha256(digest_of(kernel) + str(compiler(way)).encode()).hexdigest()[:16]
 
 
-def kernel_version() -> str:
-    """Return the version of results, by all sources that their numbers pass: 16 hexadecimal digits."""
-    return take_digests()[1].hex()[:16]
+@cache
+def kernel_version(*more: str) -> str:
+    """Return the version of results, by the code that their numbers pass: 16 hexadecimal digits.
+
+    The code is that of `POINTS` and of `more` folders and modules of the package. All versions of Python have the same.
+    """
+    places = tuple(place if place.endswith(".py") else f"{place}/" for place in (*POINTS, *more))
+    passed = {path: bare(text) for path, text in take_sources().items() if path.startswith(places)}
+    return digest_of(passed).hex()[:16]
