@@ -23,6 +23,18 @@ def test_orbits_have_no_more_types():
     assert len(house.types(house.ANALYSIS / "orbits")) <= MOST_TYPES
 
 
+def test_one_function_makes_tables_and_one_makes_cubes():
+    assert house.builders() == {
+        "cubes/cube.py": 2,  # `table`, of all results of runs and orbits; `build`, of a cube
+        "storage/formats/zarr.py": 1,  # a cube that is read when it is asked for
+        "runs/run.py": 1,  # no events
+        "runs/accessor.py": 1,  # columns for pandas
+        "analysis/orbits/borders/border_grid.py": 1,  # the axes of a grid, before its table
+        "analysis/attractors/shares.py": 1,  # likewise
+        "analysis/commands/measuring.py": 1,  # a file of measured numbers, of which only the units are known
+    }
+
+
 def test_the_docstring_of_a_function_begins_with_a_verb():
     found = [f"{path}:{line}: {word}" for path, line, word in house.openings() if word in house.NO_VERBS]
     assert not found

@@ -12,10 +12,11 @@ import xarray as xr
 import dimersweep
 from dimersweep import names, orbits, plots
 from dimersweep.analysis.orbits.borders.pictures import draw_borders
+from dimersweep.cubes.cube import Column, over_grid, table
 from dimersweep.errors import ParameterError, StoreError
 from dimersweep.kernel.model.contact_code import contact_state_name
 from dimersweep.kernel.model.event_row import E_KIND
-from dimersweep.symbols import PARAMETERS
+from dimersweep.symbols import PARAMETERS, Quantity
 
 pytestmark = pytest.mark.jit
 FREE_TEXTS = {"word", "status", "meets", "low_end", "high_end", "low_leads", "high_leads"}
@@ -333,3 +334,42 @@ assert xarray.Dataset().dimersweep.is_cube is False and "matplotlib" not in sys.
 """
     done = subprocess.run([sys.executable, "-c", program], check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+ROWS_OF_A_TABLE = [{"n": 1, "way": "up", "at": [0.0, 1.0]}, {"n": 2, "way": "down", "at": [2.0, 3.0]}]
+
+
+def test_a_table_reads_its_rows_and_takes_columns_as_they_are():
+    columns = [
+        Column("n", "a number", lambda row: row["n"]),
+        Column("way", Quantity("1", "its way"), lambda row: row["way"], ("down", "up")),
+        Column("at", Quantity("m", "places"), lambda row: row["at"], along="place"),
+        Column("said", "words of it", ["a", "bc"]),
+        Column("n", Quantity("s", "the number once more"), [0.5, 1.5]),
+    ]
+    made = table(ROWS_OF_A_TABLE, columns, "row")
+    assert list(made.variables) == ["n", "way", "at", "said"]
+    assert made["n"].values.tolist() == [0.5, 1.5] and made["n"].attrs == {
+        "units": "s",
+        "long_name": "the number once more",
+    }
+    assert names(made["way"]).values.tolist() == ["up", "down"] and made["way"].dtype == np.int8
+    assert made["at"].dims == ("row", "place") and made["said"].values.tolist() == ["a", "bc"]
+
+
+def test_rows_lie_at_places_of_a_grid_and_other_places_are_empty():
+    columns = [
+        Column("n", "a number", lambda row: row["n"]),
+        Column("at", "places", lambda row: row["at"], along="place"),
+    ]
+    columns += [
+        Column("x", "a length", [0.5, 1.5]),
+        Column("said", "words", ["a", "bc"]),
+        Column("is", "truth", [True, True]),
+    ]
+    made = over_grid(table(ROWS_OF_A_TABLE, columns, "row"), [(0, 1), (1, 0)], ("e", "f"), (2, 2))
+    assert made["n"].values.tolist() == [[0, 1], [2, 0]] and made["n"].dtype == np.int32
+    assert made["at"].dims == ("e", "f", "place") and np.isnan(made["at"].values[0, 0]).all()
+    np.testing.assert_array_equal(made["x"].values, [[np.nan, 0.5], [1.5, np.nan]])
+    assert made["said"].values.tolist() == [["", "a"], ["bc", ""]]
+    assert made["is"].values.tolist() == [[False, True], [True, False]]

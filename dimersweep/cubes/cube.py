@@ -1,8 +1,8 @@
 """Build labelled cubes from the results of points: an xarray.Dataset over the axes of the grid, ready for CF NetCDF."""
 
 import json
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any, TypeVar
+from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
 from zlib import crc32
 
 import numpy as np
@@ -27,6 +27,7 @@ FLAGS = {
     "confidence": ("not_run", "certain", "unsure", "changed"),
     "direction": DIRECTIONS,
 }
+EMPTY = {"U": "", "b": False, "i": 0}  # value of a column where there is no row, by the kind of its numbers; else NaN
 # CF attributes of every file
 CONVENTIONS, SOURCE = "CF-1.11", f"dimersweep {__version__}, event-driven simulation"
 # attribute `history` of tables: without a time, so that the same call gives the same table
@@ -100,6 +101,56 @@ def column(dims: Any, entries: Any, said: Quantity | str, words: Sequence[str] =
         return xr.Variable(dims, texts, {"long_name": quantity.long_name}, {"dtype": "S1"})
     number = float if kind == "f" else kind_of_whole(values)
     return xr.Variable(dims, values.astype(number, copy=False), quantity.attributes(number))
+
+
+class Column(NamedTuple):
+    """Column of a table, see `table`.
+
+    Attributes
+    ----------
+    name : str
+    quantity : Quantity or str
+        Unit and meaning; a text is the meaning of a number without unit.
+    of : callable or array_like
+        Function that reads the value of a row, or the values of all rows.
+    words : sequence of str
+        Words of a flag.
+    along : str
+        Dimension of the values of one row, where a row has several.
+    """
+
+    name: str
+    quantity: Quantity | str
+    of: Any
+    words: Sequence[str] = ()
+    along: str = ""
+
+
+def table(rows: Collection[Any], columns: Iterable[Column], dims: str | tuple[str, ...]) -> xr.Dataset:
+    """Return the table of `rows`, with one variable for each of `columns`, see `column`; of two of one name the last.
+
+    Columns that are given as values need no rows, and may lie along several `dims`.
+    """
+    over, made = (dims,) if isinstance(dims, str) else dims, {}
+    for name, quantity, of, words, along in columns:
+        values = [of(row) for row in rows] if callable(of) else of
+        made[name] = column((*over, along) if along else over, values, quantity, words)
+    return xr.Dataset(made)
+
+
+def over_grid(
+    rows: xr.Dataset, places: Sequence[Sequence[int]], dims: tuple[str, ...], shape: tuple[int, ...]
+) -> dict[Hashable, xr.Variable]:
+    """Return the columns of a table over a grid, with its rows at `places`; elsewhere are the values of `EMPTY`.
+
+    The rows lie along the first dimension of each column.
+    """
+    at, made = tuple(np.array(places).T), {}
+    for name, each in rows.data_vars.items():
+        values = np.full(shape + each.shape[1:], EMPTY.get(each.dtype.kind, np.nan), dtype=each.dtype)
+        values[at] = each.values
+        made[name] = xr.Variable((*dims, *each.dims[1:]), values, each.attrs, each.encoding)
+    return made
 
 
 def kind_of_whole(numbers: np.ndarray) -> type[np.signedinteger[Any]]:

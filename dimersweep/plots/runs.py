@@ -9,12 +9,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from dimersweep.cubes.cube import OF_A_RUN, finished, names
+from dimersweep.cubes.cube import OF_A_RUN, Column, finished, names, table
 from dimersweep.cubes.seen_run import SeenRun, check_shown
 from dimersweep.inputs import as_number, as_numbers
+from dimersweep.kernel.model.contact_code import CONTACT_STATES
 from dimersweep.parameters import dimer_from
 from dimersweep.plots.style import MODE_COLORS, Look, beyond_round_off, board, ink
-from dimersweep.symbols import STATE_QUANTITIES
+from dimersweep.symbols import EVENT_QUANTITIES, STATE_QUANTITIES
 
 # labels of the angles in phase portraits
 ANGLES = {
@@ -103,15 +104,15 @@ def impact_rates(run: SeenRun, time: float) -> xr.Dataset:
     turned = turning[:, None] + gives.T @ np.linalg.solve(dm.im + gives @ levers.T, slips)
     dip = (rows["gap_2_rate_after"] - rows["gap_1_rate_after"]) / (dm.l * dm.cos_0)
     turn = turned[0] / dm.cos_0
-    columns = {
+    course = {
         "beta_rate": np.append(float(before["beta_rate"]), dip),
         "theta_rate": np.append(theta_rate, turn),
         "gamma_rate": np.append(float(before["gamma_rate"]), turned[1] - turn * dm.sin_0),
     }
-    course = {name: ("stage", values, STATE_QUANTITIES[name].attributes()) for name, values in columns.items()}
     kinds = np.append(rows["contact_before"][:1], rows["kind"])
-    told = xr.Dataset(course | {"kind": ("stage", kinds, rows["kind"].attrs)})
-    return finished(told, f"Rates through a double impact {OF_A_RUN}")
+    columns = [Column(name, STATE_QUANTITIES[name], values) for name, values in course.items()]
+    columns += [Column("kind", EVENT_QUANTITIES["kind"], kinds, CONTACT_STATES)]
+    return finished(table((), columns, "stage"), f"Rates through a double impact {OF_A_RUN}")
 
 
 def portrait(axes: Axes, run: SeenRun, angle: str, span: tuple[float, float], *, color: str | None = None) -> None:

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import OF_A_RUN, column, finished
+from dimersweep.cubes.cube import OF_A_RUN, Column, column, finished, table
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.body import dimer_of
@@ -71,21 +71,22 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
         sums = np.zeros((count + 1, works.shape[1] + 1))  # the last row sums what lies beyond the last whole period
         np.add.at(sums, np.minimum(periods, count), np.column_stack([works, residual]))
         works, residual = sums[:-1, :-1], sums[:-1, -1]
-        energy, labels, dim = at_starts[np.searchsorted(segments[:, PERIOD], np.arange(1, count + 1))], {}, "n"
+        energy, labels, dim = at_starts[np.searchsorted(segments[:, PERIOD], np.arange(1, count + 1))], [], "n"
         index = {"n": column("n", np.arange(count), "number of the forcing period")}
     else:
         phases = joined(segments[:-1, PHASE], events[rows, E_PHASE])
         kinds = joined(code_of(*segments[:-1, SEGMENT_MODES : SEGMENT_MODES + 2].T), events[rows, E_KIND]).astype(int)
         causes = joined(np.full(n - 1, len(CAUSES)), events[rows, E_CAUSE]).astype(int)
         dim = "part"
-        labels = {
-            "kind": column("part", kinds, EVENT_QUANTITIES["kind"], CONTACT_STATES),
-            "cause": column("part", causes, EVENT_QUANTITIES["cause"], (*CAUSES, BETWEEN)),
-        }
+        labels = [
+            Column("kind", EVENT_QUANTITIES["kind"], kinds, CONTACT_STATES),
+            Column("cause", EVENT_QUANTITIES["cause"], causes, (*CAUSES, BETWEEN)),
+        ]
         index = {"time": column("part", times_of(periods, phases, f), EVENT_QUANTITIES["time"])}
-    columns = dict(zip(WORK_NAMES, works.T, strict=True)) | {"energy": energy, "residual": residual}
-    variables = {name: (dim, columns[name], quantity.attributes()) for name, quantity in WORKS.items()}
-    return finished(xr.Dataset(labels | variables, index, attributes), f"Energy budget {OF_A_RUN}")
+    terms = dict(zip(WORK_NAMES, works.T, strict=True)) | {"energy": energy, "residual": residual}
+    columns = [*labels, *(Column(name, quantity, terms[name]) for name, quantity in WORKS.items())]
+    made = table((), columns, dim).assign_coords(index).assign_attrs(attributes)
+    return finished(made, f"Energy budget {OF_A_RUN}")
 
 
 def _greatest_way(smooth: np.ndarray, flows: np.ndarray, struck: np.ndarray) -> float:

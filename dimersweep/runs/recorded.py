@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import OF_A_RUN, column, finished, number_of, same_number
+from dimersweep.cubes.cube import OF_A_RUN, Column, column, finished, number_of, same_number, table
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.compiler.jit import plain
 from dimersweep.kernel.contact.forces import A1, A2, F1, F2, L1, L2, N_F
@@ -90,8 +90,8 @@ def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], di
     for numbers in columns.values():
         if numbers.dtype == float:
             with_one_nan(numbers)
-    told = {name: column(dim, columns[name], said, EVENT_WORDS.get(name, ())) for name, said in quantities.items()}
-    return xr.Dataset(told)
+    told = [Column(name, said, columns[name], EVENT_WORDS.get(name, ())) for name, said in quantities.items()]
+    return table((), told, dim)
 
 
 def events_of(record: RunRecord) -> xr.Dataset:

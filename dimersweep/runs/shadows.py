@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from dimersweep.cubes.cube import OF_A_RUN, column, finished, names
+from dimersweep.cubes.cube import OF_A_RUN, Column, column, finished, names, table
 from dimersweep.cubes.seen_run import SeenRun
 from dimersweep.inputs import RTOL_RANGE
 from dimersweep.kernel.batch import Workspace
@@ -39,7 +39,7 @@ from dimersweep.kernel.model.layout import (
 )
 from dimersweep.parameters import moved_on, value_of
 from dimersweep.runs.solving import RunSettings, run_all_patiently
-from dimersweep.symbols import EVENT_QUANTITIES, START, STATE_QUANTITIES
+from dimersweep.symbols import EVENT_QUANTITIES, START, STATE_QUANTITIES, Quantity
 
 FINEST_SHADOW, COARSEST_SHADOW = RTOL_RANGE
 SHADOW_FINER = 1e-2  # rtol of a shadow over that of the run: its own error is 1 % of the difference
@@ -178,27 +178,28 @@ def bounds(run: SeenRun, shadows: Sequence[SeenRun], times: np.ndarray, T: float
         Forcing period [s].
     """
     apart = [difference(run, shadow, times) for shadow in shadows]
-    variables: dict[str, Any] = {}
-    for name, scale in ERROR_SCALES.items():
-        # two runs may agree for a moment by chance: the largest difference so far counts
-        bound = SAFETY * np.maximum.accumulate(np.max([errors[name] for errors in apart], axis=0))
-        meaning = f"bound on the error: {STATE_QUANTITIES[name].long_name}"
-        attributes = {"units": STATE_QUANTITIES[name].units, "long_name": meaning}
-        variables[name] = ("time", bound + LEAST_ERROR * scale, attributes)
+    # two runs may agree for a moment by chance: the largest difference so far counts
+    largest = {name: np.maximum.accumulate(np.max([errors[name] for errors in apart], axis=0)) for name in ERROR_SCALES}
+    errors = {name: SAFETY * largest[name] + LEAST_ERROR * scale for name, scale in ERROR_SCALES.items()}
+    said = {name: f"bound on the error: {STATE_QUANTITIES[name].long_name}" for name in errors}
+    columns = [Column(name, Quantity(STATE_QUANTITIES[name].units, said[name]), each) for name, each in errors.items()]
     late = np.max([delays(run, shadow) for shadow in shadows], axis=0)
     bound = np.where(np.isnan(late), np.nan, SAFETY * np.fmax.accumulate(late) + LEAST_ERROR * T)
-    meaning = "bound on the error of the time of the event; NaN where a shadow lacks it"
-    variables["event_time"] = ("event", bound, {"units": "s", "long_name": meaning})
-    total = scaled({name: variables[name][1] for name in CLOSED_STATE})
-    variables["scaled"] = ("time", total, {"units": "1", "long_name": "largest bound of the state, in its scales"})
-    parted = _parting(run, late, total, times)
-    meaning = (
+    total = scaled(errors)
+    parted = (
         "first double impact in which a shadow has another end stick: a slip passes zero, and rtol decides; NaN if none"
     )
-    variables["slip_undecided"] = ((), parted, {"units": "s", "long_name": meaning})
+    beside = {
+        "event_time": column(
+            "event", bound, Quantity("s", "bound on the error of the time of the event; NaN where a shadow lacks it")
+        ),
+        "scaled": column("time", total, "largest bound of the state, in its scales"),
+        "slip_undecided": column((), _parting(run, late, total, times), Quantity("s", parted)),
+    }
     coordinates = {name: run.events[name].variable for name in ("cause", "kind")}
     coordinates["time"] = column("time", times, EVENT_QUANTITIES["time"])
-    return finished(xr.Dataset(variables, coordinates), f"Bounds on the errors {OF_A_RUN}")
+    made = table((), columns, "time").assign(beside).assign_coords(coordinates)
+    return finished(made, f"Bounds on the errors {OF_A_RUN}")
 
 
 def _parting(run: SeenRun, late: np.ndarray, total: np.ndarray, times: np.ndarray) -> float:

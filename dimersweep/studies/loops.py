@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import column, finished, variable
+from dimersweep.cubes.cube import Column, column, finished, table, variable
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.cubes.results import runs
 from dimersweep.errors import ParameterError
@@ -121,10 +121,10 @@ def loops(cube: xr.Dataset, *, within: float | None = None) -> xr.Dataset:
             ends = [stoppable(partial(there.located, pair, within)) for pair in ends]
             cost += there.cost
         found += [(line, pair) for pair in ends]
-    table = _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
+    made = _table(cube, axis, {name: places[:, k] for k, name in enumerate(others)}, found)
     for name in cube.data_vars.keys() & {*configuration.get("observe", {}).get("variables", ())}:
-        table = table.assign(_observed(cube[name].transpose(*others, "direction", axis, ...), len(others), found))
-    return finished(table.assign_attrs(parameter=axis, cost=float(cost)), f"Loops of hysteresis along {axis}")
+        made = made.assign(_observed(cube[name].transpose(*others, "direction", axis, ...), len(others), found))
+    return finished(made.assign_attrs(parameter=axis, cost=float(cost)), f"Loops of hysteresis along {axis}")
 
 
 def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[Ends]:
@@ -221,23 +221,21 @@ def _table(cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: li
     """Return the loops as a dataset; `places` has the indices of each line along the other axes."""
     units, meaning = PARAMETERS[axis].units, PARAMETERS[axis].long_name
     lines = np.array([line for line, _ in found], dtype=int)
-    columns = {}
+    columns = []
     for k, which in enumerate(SIDES):
         below, above = np.array([pair[k][:2] for _, pair in found]).reshape(-1, 2).T
-        columns[which] = 0.5 * (below + above), Quantity(units, f"{which} end of the loop: {meaning}")
-        columns[f"{which}_error"] = (
-            0.5 * (above - below),
-            Quantity(units, f"half the step that the {which} end lies in"),
-        )
-    table = xr.Dataset({name: column("loop", values, said) for name, (values, said) in columns.items()})
+        end = Quantity(units, f"{which} end of the loop: {meaning}")
+        error = Quantity(units, f"half the step that the {which} end lies in")
+        columns += [Column(which, end, 0.5 * (below + above)), Column(f"{which}_error", error, 0.5 * (above - below))]
+    made = table((), columns, "loop")
     for (k, which), (way, word) in product(enumerate(SIDES), enumerate(DIRECTIONS)):
         flags = variable("mode", ("loop",), np.array([pair[k].modes[way] for _, pair in found], dtype=np.int8))
         flags.attrs["long_name"] += f" on the way {word}, inside the loop at its {which} end"
-        table[f"mode_{word}_{which}"] = flags
+        made[f"mode_{word}_{which}"] = flags
     told = {name: column("loop", cube[name].values[each[lines]], PARAMETERS[name]) for name, each in places.items()}
     fixed = {name: cube[name].variable for name in PARAMETERS if name in cube.coords and not cube[name].ndim}
     told["loop"] = column("loop", np.arange(len(found)), "number of the loop")
-    return table.assign_coords(fixed | told)
+    return made.assign_coords(fixed | told)
 
 
 def _observed(variable: xr.DataArray, others: int, found: list[tuple[int, Ends]]) -> dict[str, xr.Variable]:

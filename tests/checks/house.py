@@ -106,6 +106,12 @@ def openings() -> Iterator[tuple[str, int, str]]:
                 yield path.relative_to(PACKAGE).as_posix(), node.lineno, text.split()[0].strip(",.:;")
 
 
+def builders() -> dict[str, int]:
+    """Count, for each module, the places that make a labelled dataset of columns by themselves (`xr.Dataset(...)`)."""
+    made = {path: path.read_text(encoding="utf-8").count("xr.Dataset(") for path in sorted(PACKAGE.rglob("*.py"))}
+    return {path.relative_to(PACKAGE).as_posix(): count for path, count in made.items() if count}
+
+
 def naming(word: str) -> int:
     """Count the lines of the package that name a word."""
     return sum(
@@ -117,6 +123,7 @@ if __name__ == "__main__":
     print(f"lines: engine {lines(False)}, analysis {lines(True)}")
     print(f"floors of the rooms of orbits: {floors()}")
     print(f"classes of orbits: {len(types(ANALYSIS / 'orbits'))}")
+    print(f"places that make a dataset: {builders()}")
     print(f"lines that name OrbitLost: {naming('OrbitLost')}")
     first = Counter(word for *_, word in openings())
     print(f"docstrings of functions: {first.total()}, without a verb: {sum(first[word] for word in NO_VERBS)}")

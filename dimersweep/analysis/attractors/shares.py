@@ -1,10 +1,11 @@
 """Attractors of drawn starts: the motions that the starts come to, and the share of the starts of each."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import nan, tau
+from operator import attrgetter
 from time import perf_counter
 from typing import Any
 
@@ -15,16 +16,16 @@ from dimersweep.analysis.attractors.telling_apart import Attractor, Classifier, 
 from dimersweep.analysis.orbits.continuation.following import traced
 from dimersweep.analysis.orbits.continuation.kinds import kind_words
 from dimersweep.analysis.orbits.map.finding import find
-from dimersweep.analysis.orbits.map.orbit import COLUMNS, PeriodicOrbit, multiplier_columns, padded
+from dimersweep.analysis.orbits.map.orbit import COLUMNS, PeriodicOrbit, multiplier_columns
 from dimersweep.analysis.orbits.slow.features import Mirrors, features_of_orbit, mirrors_of
 from dimersweep.analysis.orbits.slow.slow_flow import SPIN_KINDS
 from dimersweep.analysis.orbits.slow.sustained import MEANINGS
-from dimersweep.cubes.cube import column, coordinate, finished, fixed_coordinates
+from dimersweep.cubes.cube import Column, column, coordinate, finished, fixed_coordinates, over_grid, table
 from dimersweep.cubes.grid import Grid, axis_values, fixed_value, make_points
 from dimersweep.cubes.results import Field
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count, check_switch
-from dimersweep.kernel.model.layout import CODE_N_PERIODS, M_NOT_RUN, MODES, WAVES
+from dimersweep.kernel.model.layout import CODE_N_PERIODS, MODES, WAVES
 from dimersweep.parameters import check_level, check_name, moved_on, spelt_out, value_of
 from dimersweep.runs.solving import run_settings
 from dimersweep.storage.cubefiles import write_cube
@@ -357,11 +358,11 @@ class Census(Study):
             rows.append(row)
             if self.confirm:
                 checks.append({number: classifier.confirmed(each, self.confirm) for number, each in row.items()})
-        data = self._labelled(rows, len(known))
         axis = self.over or "value"
+        data = self._labelled(rows, len(known), axis)
         if checks:
-            table = [[row.get(k, False) for k in range(len(known))] for row in checks]
-            data["confirmed"] = column((axis, "attractor"), table, "whether a longer run is still there")
+            stays = [[row.get(k, False) for k in range(len(known))] for row in checks]
+            data["confirmed"] = column((axis, "attractor"), stays, "whether a longer run is still there")
         for each in (field for observer in self.observers[1:] for field in observer.fields):
             data[each.name] = self._of_each_start(each, results[each.name], axis)
             if each.along:
@@ -375,20 +376,20 @@ class Census(Study):
         data = data.assign_coords(fixed_coordinates(self.grid.fixed)).assign_attrs(plot="attractors", cost=cost)
         return finished(data, TITLE)
 
-    def _labelled(self, rows: Sequence[Mapping[int, Attractor]], number: int) -> xr.Dataset:
+    def _labelled(self, rows: Sequence[Mapping[int, Attractor]], number: int, axis: str) -> xr.Dataset:
         """Return the attractors at each value, `number` in all, and the attractor of each start, as a dataset."""
         from scipy.stats import binomtest
 
-        def table(empty: Any, read: Callable[[Attractor], Any]) -> np.ndarray:
-            return np.array([[read(row[k]) if k in row else empty for k in range(number)] for row in rows])
-
-        axis, n = self.over or "value", self.size // self.values.size
-        over, nothing = (axis, "attractor"), padded(np.zeros(0))
+        over, n, none = (axis, "attractor"), self.size // self.values.size, np.zeros(0)
+        places = [(k, place) for k, row in enumerate(rows) for place in row]
+        found = [one for row in rows for one in row.values()]
+        multipliers = multiplier_columns(none if one.orbit is None else one.orbit.multipliers for one in found)
         data = xr.Dataset(coords={"attractor": column("attractor", 1 + np.arange(number), "its number")})
-        for name, (said, empty, read, *words) in (_READ | (_FATE if self.slow else {})).items():
-            data[name] = column(over, table(empty, read), said, *words)
-        multipliers = table(nothing, lambda one: nothing if one.orbit is None else padded(one.orbit.multipliers))
-        data.update(multiplier_columns((*over, "multiplier"), multipliers))
+        columns = (*_READ, *(_FATE if self.slow else ()), *multipliers)
+        data = data.assign(over_grid(table(found, columns, "found"), places, over, (len(rows), number)))
+        absent = data["count"].values == 0
+        for name, value in {"representative": NONE, "multipliers_real": 0.0, "multipliers_imag": 0.0}.items():
+            data[name].values[absent] = value
         data["share"] = column(over, data["count"] / n, "share of the starts")
         counts = data["count"].values.tolist()
         # doi 10.1080/01621459.1927.10502953
@@ -446,26 +447,28 @@ def _sequence(attractor: Attractor) -> str:
     return "" if attractor.features is None else attractor.features.sequence
 
 
-# variables of each attractor: meaning, value where the attractor is not met, how the value is read, words of a flag
-_READ: dict[str, Any] = {
-    "count": ("number of starts that lead there", 0, lambda one: one.members.size),
-    "mode": ("mode of the representative", MODES[M_NOT_RUN], lambda one: one.mode, MODES),
-    "periods": (
-        "forcing periods after which it repeats; 0 if it does not",
-        0,
-        lambda one: 0 if one.features is None else one.features.periods,
-    ),
-    "word": ("sequence of contact states", "", _sequence),
-    "representative": ("number of a start that leads there", NONE, lambda one: one.representative),
-    "orbit": ("whether its orbit was found", False, lambda one: one.orbit is not None),
-    "stable": ("whether an orbit was found that is stable", False, lambda one: bool(one.orbit and one.orbit.stable)),
-} | {name: (COLUMNS[name], nan, partial(_of_orbit, name)) for name in OF_AN_ORBIT}
+def _periods(attractor: Attractor) -> int:
+    """Return the forcing periods after which an attractor repeats; 0 if it does not."""
+    return 0 if attractor.features is None else attractor.features.periods
+
+
+# variables of each attractor
+_READ = (
+    Column("count", "number of starts that lead there", lambda one: one.members.size),
+    Column("mode", "mode of the representative", attrgetter("mode"), MODES),
+    Column("periods", "forcing periods after which it repeats; 0 if it does not", _periods),
+    Column("word", "sequence of contact states", _sequence),
+    Column("representative", "number of a start that leads there", attrgetter("representative")),
+    Column("orbit", "whether its orbit was found", lambda one: one.orbit is not None),
+    Column("stable", "whether an orbit was found that is stable", lambda one: bool(one.orbit and one.orbit.stable)),
+    *(Column(name, COLUMNS[name], partial(_of_orbit, name)) for name in OF_AN_ORBIT),
+)
 # further variables of each attractor with `slow`
-_FATE: dict[str, Any] = {
-    "fate": ("how the spin stays where it comes to", "none", lambda one: one.fate.kind if one.fate else "none", FATES),
-    "spin_low": (MEANINGS["spin_low"], nan, lambda one: one.fate.low if one.fate else nan),
-    "spin_high": (MEANINGS["spin_high"], nan, lambda one: one.fate.high if one.fate else nan),
-}
+_FATE = (
+    Column("fate", "how the spin stays where it comes to", lambda one: one.fate.kind if one.fate else "none", FATES),
+    Column("spin_low", MEANINGS["spin_low"], lambda one: one.fate.low if one.fate else nan),
+    Column("spin_high", MEANINGS["spin_high"], lambda one: one.fate.high if one.fate else nan),
+)
 # variables of a change: name, type, unit (that of the parameter, if None), meaning
 _CHANGE = (
     ("changed", np.int64, "1", "number of the attractor that appears or goes"),
@@ -478,5 +481,5 @@ _CHANGE = (
 # names that the result has besides the columns of its starts, which an observer must not take
 _NAMES = (
     *("attractor", "start", "multiplier", "change", "value", "share", "share_low", "share_high", "basin", "confirmed"),
-    *("multipliers_real", "multipliers_imag", *_READ, *_FATE, *(name for name, *_ in _CHANGE)),
+    *("multipliers_real", "multipliers_imag", *(str(each[0]) for each in (*_READ, *_FATE, *_CHANGE))),
 )

@@ -13,7 +13,7 @@ from dimersweep.analysis.orbits.borders.curve import Curve, Found, Place, shorte
 from dimersweep.analysis.orbits.borders.curves import asked
 from dimersweep.analysis.orbits.map.finding import RTOL
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
-from dimersweep.cubes.cube import column, finished, fixed_coordinates
+from dimersweep.cubes.cube import Column, column, finished, fixed_coordinates, over_grid, table
 from dimersweep.errors import KernelError, OrbitError, ParameterError
 from dimersweep.symbols import PARAMETERS
 
@@ -26,7 +26,6 @@ STRETCHES = 8
 # its scale
 AGREED = 1e-3
 MEETING = 1e-6  # accuracy of a meeting, relative to the value of the last axis (absolute below 1)
-EMPTY = {"U": "", "b": False, "i": 0}  # value of a table where there is no point, by the kind of its numbers; else NaN
 FOUND_HOW = "ok, one of several borders of the kind, or why there is no point"
 
 
@@ -269,25 +268,23 @@ def border(
 def _dataset(walk: GridWalk) -> xr.Dataset:
     """Return the points of a curve over its grid, and its meetings, as labelled data."""
     curve, axes, rows = walk.curve, walk.axes, list(walk.found.values())
-    cost = {"cost": ([one.cost for one in rows], "forcing periods of the map that the point took")}
-    met = list(walk.meetings())
-    table = curve.table(rows, "found", cost | curve.columns(rows))
-    at = tuple(np.array(list(walk.found)).T)
-    result = xr.Dataset(coords={name: (name, values, PARAMETERS[name].attributes()) for name, values in axes.items()})
-    for name, each in table.data_vars.items():
-        values = np.full(walk.shape + each.shape[1:], EMPTY.get(each.dtype.kind, np.nan), dtype=each.dtype)
-        values[at] = each.values
-        result[name] = ((*axes, *each.dims[1:]), values, each.attrs, each.encoding)
+    cost = Column("cost", "forcing periods of the map that the point took", [float(one.cost) for one in rows])
+    found = curve.table(rows, "found", (cost, *curve.columns(rows)))
+    result = xr.Dataset(coords={name: column(name, values, PARAMETERS[name]) for name, values in axes.items()})
+    result = result.assign(over_grid(found, list(walk.found), tuple(axes), walk.shape))
     told = walk.told()
     said = [told[index] for index in np.ndindex(walk.shape)]
     result["status"] = column(tuple(axes), np.reshape(said, walk.shape), FOUND_HOW)
+    met = list(walk.meetings())
     where = np.array([[*place.y, place.found.value] for place, _ in met]).reshape(-1, len(axes) + 1)
+    columns = []
     for name, places in zip((*axes, curve.parameter), where.T, strict=True):
-        units = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet").attributes()
-        result[f"{name}_at_meeting"] = ("meeting", places, units)
+        quantity = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet")
+        columns.append(Column(f"{name}_at_meeting", quantity, places))
     names = np.array([name for _, name in met], dtype=str)
-    result["meets"] = column("meeting", names, "the two borders that meet")
+    columns.append(Column("meets", "the two borders that meet", names))
+    result = result.assign(table((), columns, "meeting").data_vars)
     fixed = {name: value for name, value in curve.given.items() if name not in (*axes, curve.parameter)}
-    about = {name: table.attrs[name] for name in ("kind", "parameter", "spin", "cost")}
+    about = {name: found.attrs[name] for name in ("kind", "parameter", "spin", "cost")}
     result = result.assign_coords(fixed_coordinates(fixed)).assign_attrs(about | {"rtol": curve.rtol})
     return finished(result, f"Border of periodic orbits: {curve.kind.name} in {curve.parameter}")

@@ -1,7 +1,7 @@
 """A border as a curve: its first points are found on branches of orbits, the others by steps from point to point."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import takewhile
@@ -17,9 +17,10 @@ from dimersweep.analysis.orbits.continuation.specials import MOST_CHANGES, Speci
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps, zero
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.finding import orbit_at
-from dimersweep.analysis.orbits.map.orbit import DOUBLING, Column, PeriodicOrbit, dataset
+from dimersweep.analysis.orbits.map.orbit import DOUBLING, PeriodicOrbit, dataset
 from dimersweep.analysis.orbits.map.passage import Sides, far_ends
 from dimersweep.analysis.orbits.map.poincare import OrbitLost, Recorder, ReturnMap
+from dimersweep.cubes.cube import Column
 from dimersweep.errors import OrbitError
 from dimersweep.parameters import value_of
 from dimersweep.symbols import PARAMETERS
@@ -129,18 +130,21 @@ class Curve(ABC):
         """Return the names of the borders that meet where the state changes from `before` to `after`."""
         return f"{before}-{after}"
 
-    def table(self, found: Collection[Found], dim: str, more: Mapping[str, Column]) -> xr.Dataset:
+    def table(self, found: Collection[Found], dim: str, more: Iterable[Column]) -> xr.Dataset:
         """Return a table of points along the dimension `dim`, with `more` columns."""
-        solved = {self.parameter: ([one.value for one in found], PARAMETERS[self.parameter])}
-        table = dataset([one.orbit for one in found], dim, solved | dict(more))
+        solved = Column(self.parameter, PARAMETERS[self.parameter], [one.value for one in found])
+        table = dataset([one.orbit for one in found], dim, (solved, *more))
         spin = "sustained" if self.sustained else self.spin
         about = {"kind": self.kind.name, "parameter": self.parameter, "spin": spin}
         return table.assign_attrs(about | {"cost": self.recorder.periods})
 
-    def columns(self, found: Collection[Found]) -> dict[str, Column]:
+    def columns(self, found: Collection[Found]) -> list[Column]:
         """Return the columns of this kind: whether a stable orbit loses its stability; the coefficient of a flip."""
-        loses = {"loses_stability": ([one.loses for one in found], "whether a stable orbit loses its stability there")}
-        return loses | ({"doubling": ([one.begin.doubling for one in found], DOUBLING)} if self.kind.doubles else {})
+        loses = [one.loses for one in found]
+        columns = [Column("loses_stability", "whether a stable orbit loses its stability there", loses)]
+        if self.kind.doubles:
+            columns.append(Column("doubling", DOUBLING, [one.begin.doubling for one in found]))
+        return columns
 
     # --- in the plane of two parameters: see `plane_curve` ----------------------------------------------------------
 

@@ -19,9 +19,9 @@ from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, SAME_WAY, steps
 from dimersweep.analysis.orbits.map.finding import RTOL
 from dimersweep.analysis.orbits.map.newton import newton, target
-from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
 from dimersweep.analysis.orbits.map.poincare import OrbitLost, singular_lost
-from dimersweep.cubes.cube import finished
+from dimersweep.cubes.cube import Column, finished
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, pair_of
 from dimersweep.parameters import check_name
@@ -219,10 +219,11 @@ def border_curve(
     rows = [*back[::-1], (begin, ""), *on]
     all_found = [place.found for place, _ in rows]
     meets = "the two borders that meet there, or the parameter in which the curve turns"
-    columns: dict[str, Column] = {
-        other: ([one.orbit.parameters[other] for one in all_found], PARAMETERS[other]),
-        "meets": ([special for _, special in rows], meets),
-    }
-    table = curve.table(all_found, "point", columns | Curve.columns(curve, all_found))
+    columns = [
+        Column(other, PARAMETERS[other], [one.orbit.parameters[other] for one in all_found]),
+        Column("meets", meets, [special for _, special in rows]),
+        *Curve.columns(curve, all_found),
+    ]
+    table = curve.table(all_found, "point", columns)
     table = table.assign_attrs(other=other, ends=f"{before}; {after}").set_coords([parameter, other])
     return finished(table, f"Border of periodic orbits: {kind} over {parameter} and {other}")

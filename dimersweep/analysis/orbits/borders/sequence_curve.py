@@ -29,9 +29,10 @@ from dimersweep.analysis.orbits.continuation.stability_end import across, beyond
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, steps
 from dimersweep.analysis.orbits.map.manifold import lag, multipliers_of
 from dimersweep.analysis.orbits.map.newton import defect, system
-from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.passage import Sides, far_ends, rests, sides_of
 from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap, first_found, singular_lost
+from dimersweep.cubes.cube import Column
 
 # half widths of the bracket of a change of sequence, in the parameter over its scale: the greatest and the least one,
 # and the factor from one try to the next; rounding decides below the least one, for a bracket must hold the change
@@ -90,13 +91,14 @@ class SequenceCurve(Curve):
             return "one of several"
         return f"one of {len(found.several)}" if found.several else "ok"
 
-    def columns(self, found: Collection[Found]) -> dict[str, Column]:
+    def columns(self, found: Collection[Found]) -> list[Column]:
         sequences = "what goes (-) and comes (+) in the sequence beyond: symbols, or pairs of them (a/b)"
         changes = [one.sides.described(one.orbit.sequence) if one.sides else "" for one in found]
-        columns = super().columns(found) | {"change": (changes, sequences)}
+        columns = [*super().columns(found), Column("change", sequences, changes)]
         if most := max(len(one.several) for one in found):
             values = np.array([[*one.several, *[np.nan] * (most - len(one.several))] for one in found])
-            columns["several"] = (values, f"{self.parameter} of all such changes along the branch of the stable orbit")
+            several = f"{self.parameter} of all such changes along the branch of the stable orbit"
+            columns.append(Column("several", several, values, along="number"))
         return columns
 
     def _from(self, orbit: PeriodicOrbit) -> Found:

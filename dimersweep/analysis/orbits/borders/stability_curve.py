@@ -10,8 +10,9 @@ from dimersweep.analysis.orbits.continuation.kinds import kind_words
 from dimersweep.analysis.orbits.continuation.specials import Special, on_its_border
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
 from dimersweep.analysis.orbits.map.finding import orbit_at
-from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.poincare import OrbitLost
+from dimersweep.cubes.cube import Column
 from dimersweep.parameters import value_of
 
 
@@ -50,6 +51,9 @@ class StabilityCurve(Curve):
                 return own.taken_up(special)
         return Found(on_its_border(special.kind, orbit_of(at.fixed), self.sustained), at.value, at)
 
-    def columns(self, found: Collection[Found]) -> dict[str, Column]:
-        ends = ([one.by for one in found], "kind of border by which the stability ends", kind_words())
-        return super().columns(found) | {"ends_by": ends}
+    def columns(self, found: Collection[Found]) -> list[Column]:
+        ends = [one.by for one in found]
+        return [
+            *super().columns(found),
+            Column("ends_by", "kind of border by which the stability ends", ends, kind_words()),
+        ]

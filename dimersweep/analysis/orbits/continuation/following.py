@@ -15,9 +15,9 @@ from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, LOCATED, st
 from dimersweep.analysis.orbits.map.finding import units_along
 from dimersweep.analysis.orbits.map.manifold import slow_motion_of
 from dimersweep.analysis.orbits.map.newton import Fixed, solve
-from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, dataset, orbit_of
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, dataset, orbit_of
 from dimersweep.analysis.orbits.map.poincare import OrbitLost, Recorder
-from dimersweep.cubes.cube import finished
+from dimersweep.cubes.cube import Column, finished
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count
 from dimersweep.parameters import check_effect, value_of
@@ -90,13 +90,13 @@ def follow(
     kinds, allowed = [row.kind for row in rows], kind_words()
     special = [("word" if kind.of_sequence else kind.name) if kind else "none" for kind in kinds]
     change = [kind.name if kind and kind.of_sequence else "none" for kind in kinds]
-    columns: dict[str, Column] = {
-        "special": (special, "kind of special point", allowed),
-        "change": (change, "what changes in the sequence", allowed),
-        "jump": ([row.jump for row in rows], "jump of the orbit, in units of the section"),
-    }
+    columns = [
+        Column("special", "kind of special point", special, allowed),
+        Column("change", "what changes in the sequence", change, allowed),
+        Column("jump", "jump of the orbit, in units of the section", [row.jump for row in rows]),
+    ]
     if parameter != "spin":
-        columns[parameter] = ([row.value for row in rows], PARAMETERS[parameter])
+        columns.append(Column(parameter, PARAMETERS[parameter], [row.value for row in rows]))
     table = dataset([row.orbit for row in rows], "point", columns)
     table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
     return finished(table.set_coords(parameter), f"Branch of periodic orbits in {parameter}")

@@ -1,10 +1,11 @@
 """Periodic orbits: fixed points of the fast part at a spin, with their circle, stability and tables."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from os import PathLike
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import TYPE_CHECKING, NamedTuple, Unpack
 
 import numpy as np
 import xarray as xr
@@ -13,7 +14,7 @@ from dimersweep.analysis.orbits.map.manifold import SlowMotion, multipliers_of, 
 from dimersweep.analysis.orbits.map.newton import Fixed
 from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.analysis.orbits.map.poincare import ReturnMap
-from dimersweep.cubes.cube import column, fixed_coordinates
+from dimersweep.cubes.cube import Column, fixed_coordinates, table
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import CODE_WORDS, DI_ENDS, State
 from dimersweep.runs.period_map import NAMES
@@ -289,9 +290,6 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
 
 # --- orbits as labelled data -----------------------------------------------------------------------------------------
 
-# entries, one for each orbit (a number, a word, or a row of numbers); their quantity; and the words of a flag
-Column = tuple[Any, ...]
-
 MOST_MULTIPLIERS = len(NAMES) - 1  # multipliers of a fast part in the air; contact makes some of them zero
 COLUMNS = {
     "spin": QUANTITIES["spin"],
@@ -323,25 +321,23 @@ def padded(values: np.ndarray) -> np.ndarray:
     return row
 
 
-def multiplier_columns(dims: Sequence[str], rows: np.ndarray) -> dict[str, xr.Variable]:
-    """Return the two columns of rows of multipliers, real and imaginary parts: NetCDF knows no complex numbers."""
+def multiplier_columns(multipliers: Iterable[np.ndarray]) -> tuple[Column, ...]:
+    """Return the columns of the multipliers of each row, real and imaginary parts: NetCDF knows no complex numbers."""
+    rows = np.array([padded(each) for each in multipliers]).reshape(-1, MOST_MULTIPLIERS)
     parts = zip(MULTIPLIERS.items(), (rows.real, rows.imag), strict=True)
-    return {name: xr.Variable(dims, part, quantity.attributes()) for (name, quantity), part in parts}
+    return tuple(Column(name, quantity, part, along="multiplier") for (name, quantity), part in parts)
 
 
-def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Mapping[str, Column] = {}) -> xr.Dataset:
+def dataset(orbits: Sequence[PeriodicOrbit], dim: str, more: Iterable[Column] = ()) -> xr.Dataset:
     """Return the table of orbits along `dim`, with `more` columns; parameters that all share are scalar coordinates."""
-    columns: dict[str, Column] = {
-        name: ([getattr(orbit, ATTRIBUTE_OF.get(name, name)) for orbit in orbits], said, CODE_WORDS.get(name, ()))
-        for name, said in (COLUMNS | TEXTS).items()
-    }
-    made = {}
-    for name, (entries, *said) in (columns | dict(more)).items():
-        values = np.array(entries, dtype=float if name in COLUMNS else None)
-        made[name] = column((dim, "number")[: values.ndim], values, *said)
-    rows = np.array([padded(orbit.multipliers) for orbit in orbits]).reshape(-1, MOST_MULTIPLIERS)
-    table = xr.Dataset(made | multiplier_columns((dim, "multiplier"), rows))
+    numbers = (Column(name, said, [float(getattr(orbit, name)) for orbit in orbits]) for name, said in COLUMNS.items())
+    texts = (
+        Column(name, said, attrgetter(ATTRIBUTE_OF.get(name, name)), CODE_WORDS.get(name, ()))
+        for name, said in TEXTS.items()
+    )
+    multipliers = multiplier_columns(orbit.multipliers for orbit in orbits)
+    made = table(orbits, (*numbers, *texts, *more, *multipliers), dim)
     shared = dict(orbits[0].parameters) if orbits else {}
     for orbit in orbits:
         shared = {name: value for name, value in shared.items() if orbit.parameters.get(name) == value}
-    return table.assign_coords(fixed_coordinates({name: shared[name] for name in shared if name not in table}))
+    return made.assign_coords(fixed_coordinates({name: shared[name] for name in shared if name not in made}))

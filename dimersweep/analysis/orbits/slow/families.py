@@ -26,10 +26,11 @@ from dimersweep.analysis.orbits.map.manifold import (
 from dimersweep.analysis.orbits.map.newton import fixed_at, solve, system
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, dataset, orbit_of
 from dimersweep.analysis.orbits.map.poincare import JOINED, OrbitLost, ReturnMap, first_found, in_steps
-from dimersweep.cubes.cube import finished
+from dimersweep.cubes.cube import column, finished
 from dimersweep.cubes.grid import evenly
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_count, check_rtol, pair_of
+from dimersweep.symbols import Quantity
 
 MISSING_OVER = 0.02  # part of the spin over which orbits may be missing, where a sequence just changes
 SHORTEST = 1 / 128  # shortest step between two spins asked for, as a part of their distance
@@ -93,7 +94,7 @@ def family(*, spin: tuple[float, float], points: int = 50, rtol: float = RTOL, *
         orbits |= {order[k]: one for k, one in found.items()}
     kept = sorted(orbits)
     table = dataset([orbits[k] for k in kept], "spin_").drop_vars(["spin", "cost"])
-    coordinate = ("spin", spins[kept], {"units": "rad s-1", "long_name": "axial spin after the double impact"})
+    coordinate = column("spin", spins[kept], Quantity("rad s-1", "axial spin after the double impact"))
     table = table.rename_dims({"spin_": "spin"}).assign_coords(spin=coordinate)
     told = ends | {"cost": recorder.periods - start + first.cost, "rtol": rtol}
     return finished(table.assign_attrs(told), "Periodic orbits over the axial spin")

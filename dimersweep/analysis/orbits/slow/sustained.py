@@ -9,11 +9,11 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.analysis.orbits.map.finding import MOST_TURNS, RTOL, checked, orbit_at
-from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, dataset
+from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, dataset
 from dimersweep.analysis.orbits.map.poincare import TURN, OrbitLost, Recorder, first_found
 from dimersweep.analysis.orbits.slow.families import BEGIN_AT, spin_range
 from dimersweep.analysis.orbits.slow.slow_flow import ABOVE, BELOW, SPIN_KINDS, SlowFlow
-from dimersweep.cubes.cube import column, finished, fixed_coordinates
+from dimersweep.cubes.cube import Column, finished, fixed_coordinates, table
 from dimersweep.errors import OrbitError
 from dimersweep.inputs import check_rtol
 from dimersweep.runs.run import Run
@@ -138,32 +138,26 @@ def _rows(flow: SlowFlow, f: float) -> Iterator[tuple[PeriodicOrbit, tuple[Any, 
 
 def _dataset(flow: SlowFlow, given: dict[str, float], recorder: Recorder, rtol: float) -> xr.Dataset:
     """Return the sustained spins, the cycles and the sheets as labelled data."""
-    found = sorted(_rows(flow, given["f"]), key=lambda one: one[0].spin)
-    columns: dict[str, Column] = {
-        name: ([row[k] for _, row in found], said, SPIN_KINDS if name == "kind" else ())
-        for k, (name, said) in enumerate(MEANINGS.items())
-    }
-    table = dataset([orbit for orbit, _ in found], "sustained", columns).drop_vars("cost")
-    for name, (values, said) in _sheets(flow).items():
-        table[name] = column("sheet", values, said)
-    table = table.assign_coords(fixed_coordinates(given)).assign_attrs(rtol=rtol, cost=recorder.periods)
-    return finished(table, "Axial spins at which nothing drifts")
-
-
-def _sheets(flow: SlowFlow) -> dict[str, tuple[np.ndarray, Quantity]]:
-    """Return the columns of the sheets, each with its meaning."""
 
     def leads(number: int, end: bool) -> str:
         led = flow.lead(number, end) if flow.drifts_over(number, end) else ""
         return led if isinstance(led, str) else f"spin = {led.orbit.spin:.6g} rad/s"
 
-    numbers = range(len(flow.sheets))
+    found, sheets = sorted(_rows(flow, given["f"]), key=lambda one: one[0].spin), flow.sheets
+    columns = [
+        Column(name, said, [row[k] for _, row in found], SPIN_KINDS if name == "kind" else ())
+        for k, (name, said) in enumerate(MEANINGS.items())
+    ]
     said = "of a stretch of the family"
-    return {
-        "sheet_low": (np.array([one.spins[0] for one in flow.sheets]), Quantity("rad s-1", f"least spin {said}")),
-        "sheet_high": (np.array([one.spins[-1] for one in flow.sheets]), Quantity("rad s-1", f"greatest spin {said}")),
-        "low_end": (np.array([one.low_end for one in flow.sheets]), Quantity("1", "why it ends below")),
-        "high_end": (np.array([one.high_end for one in flow.sheets]), Quantity("1", "why it ends above")),
-        "low_leads": (np.array([leads(k, BELOW) for k in numbers]), Quantity("1", "where its lower end leads")),
-        "high_leads": (np.array([leads(k, ABOVE) for k in numbers]), Quantity("1", "where its upper end leads")),
-    }
+    ends = [
+        Column("sheet_low", Quantity("rad s-1", f"least spin {said}"), [one.spins[0] for one in sheets]),
+        Column("sheet_high", Quantity("rad s-1", f"greatest spin {said}"), [one.spins[-1] for one in sheets]),
+        Column("low_end", "why it ends below", [one.low_end for one in sheets]),
+        Column("high_end", "why it ends above", [one.high_end for one in sheets]),
+        Column("low_leads", "where its lower end leads", [leads(k, BELOW) for k in range(len(sheets))]),
+        Column("high_leads", "where its upper end leads", [leads(k, ABOVE) for k in range(len(sheets))]),
+    ]
+    made = dataset([orbit for orbit, _ in found], "sustained", columns).drop_vars("cost")
+    made = made.assign(table((), ends, "sheet").data_vars)
+    made = made.assign_coords(fixed_coordinates(given)).assign_attrs(rtol=rtol, cost=recorder.periods)
+    return finished(made, "Axial spins at which nothing drifts")
