@@ -7,7 +7,7 @@ from functools import lru_cache
 from math import inf, nextafter, pi
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypedDict, Unpack
 
 import numpy as np
 
@@ -445,6 +445,39 @@ def dimer_from(values: Mapping[str, float]) -> Dimer:
     return dimer_of(fill_rows(values, 1)[0])
 
 
+Given = float | str | None  # a number in the SI unit, or a text with a unit such as "16 deg"
+
+
+# parameters of the model as keyword arguments; what stands in for some of them; and higher harmonics of the plate
+ParameterKeywords = TypedDict("ParameterKeywords", {  # noqa: UP013 - a class would take a line for each name
+    "e": Given, "Gamma": Given, "f": Given, "A_r": Given, "mu": Given, "mu_s": Given, "beta0": Given,
+    "xdot0": Given, "phi0": Given, "r": Given, "rho_b": Given, "rho_r": Given, "D_r": Given, "g": Given,
+    "e_1": Given, "e_2": Given, "r_1": Given, "r_2": Given, "rho_b_1": Given, "rho_b_2": Given, "mu_1": Given,
+    "mu_2": Given, "mu_s_1": Given, "mu_s_2": Given, "Gamma_2": Given, "phi_2": Given, "mu_h": Given,
+    "mu_h_1": Given, "mu_h_2": Given, "eta": Given, "k_ratio": Given, "tilt": Given, "azimuth": Given,
+    "Gamma_x": Given, "phi_x": Given, "Gamma_y": Given, "phi_y": Given, "theta0": Given, "ydot0": Given,
+    "betadot0": Given, "thetadot0": Given, "gammadot0": Given, "gap0": Given,
+    "l": Given, "A_z": Given, "v_z": Given, "harmonics": Any,
+    "Gamma_3": Given, "phi_3": Given, "Gamma_4": Given, "phi_4": Given, "Gamma_5": Given, "phi_5": Given,
+    "Gamma_6": Given, "phi_6": Given, "Gamma_7": Given, "phi_7": Given, "Gamma_8": Given, "phi_8": Given,
+    "Gamma_9": Given, "phi_9": Given, "Gamma_10": Given, "phi_10": Given, "Gamma_11": Given, "phi_11": Given,
+    "Gamma_12": Given, "phi_12": Given, "Gamma_13": Given, "phi_13": Given, "Gamma_14": Given, "phi_14": Given,
+    "Gamma_15": Given, "phi_15": Given, "Gamma_16": Given, "phi_16": Given, "Gamma_x_2": Given, "phi_x_2": Given,
+    "Gamma_x_3": Given, "phi_x_3": Given, "Gamma_x_4": Given, "phi_x_4": Given, "Gamma_x_5": Given,
+    "phi_x_5": Given, "Gamma_x_6": Given, "phi_x_6": Given, "Gamma_x_7": Given, "phi_x_7": Given,
+    "Gamma_x_8": Given, "phi_x_8": Given, "Gamma_x_9": Given, "phi_x_9": Given, "Gamma_x_10": Given,
+    "phi_x_10": Given, "Gamma_x_11": Given, "phi_x_11": Given, "Gamma_x_12": Given, "phi_x_12": Given,
+    "Gamma_x_13": Given, "phi_x_13": Given, "Gamma_x_14": Given, "phi_x_14": Given, "Gamma_x_15": Given,
+    "phi_x_15": Given, "Gamma_x_16": Given, "phi_x_16": Given, "Gamma_y_2": Given, "phi_y_2": Given,
+    "Gamma_y_3": Given, "phi_y_3": Given, "Gamma_y_4": Given, "phi_y_4": Given, "Gamma_y_5": Given,
+    "phi_y_5": Given, "Gamma_y_6": Given, "phi_y_6": Given, "Gamma_y_7": Given, "phi_y_7": Given,
+    "Gamma_y_8": Given, "phi_y_8": Given, "Gamma_y_9": Given, "phi_y_9": Given, "Gamma_y_10": Given,
+    "phi_y_10": Given, "Gamma_y_11": Given, "phi_y_11": Given, "Gamma_y_12": Given, "phi_y_12": Given,
+    "Gamma_y_13": Given, "phi_y_13": Given, "Gamma_y_14": Given, "phi_y_14": Given, "Gamma_y_15": Given,
+    "phi_y_15": Given, "Gamma_y_16": Given, "phi_y_16": Given,
+}, total=False)  # fmt: skip
+
+
 class _BaseCase(float):
     """Value of the base case, for a parameter that was not given."""
 
@@ -465,11 +498,12 @@ class Parameters(_Fields):
     Parameters
     ----------
     e, e_1, e_2 : float
-        Energetic coefficients of restitution [1], in [0, 1]: `e` of both ends; `e_1`, `e_2`, where given, of end p1,
-        p2. All three together are refused, and `e` is None where `e_1` and `e_2` are given. The same holds for `r`,
-        `rho_b`, `mu`, `mu_s`, `mu_h`.
+        Energetic coefficients of restitution [1], in [0, 1]: `e` of both ends, 0.6 by default; `e_1`, `e_2`, where
+        given, of end p1, p2. All three together are refused, and `e` is None where `e_1` and `e_2` are given. The same
+        holds for `r`, `rho_b`, `mu`, `mu_s`, `mu_h`.
     Gamma, f, phi0 : float
-        Vibration intensity A_z omega^2/g [1], frequency [Hz] and phase at the start [rad] of the plate.
+        Vibration intensity A_z omega^2/g [1], frequency [Hz] and phase at the start [rad] of the plate; 0.9, 15 and 0
+        by default.
     Gamma_k, phi_k : float
         Intensity A_k (k omega)^2/g [1] of the plate's harmonic A_k sin(k omega t + phi_k), and its phase [rad]; k is 2
         to 16.
@@ -480,15 +514,16 @@ class Parameters(_Fields):
         ``{"z": {1: (Gamma, phi0), 2: (Gamma_2, phi_2), ...}, "x": {1: (Gamma_x, phi_x)}}``.
         An axis that is given has no other harmonics. A `Waveform`, or a file of one, gives `f`, too.
     A_r, r, D_r : float
-        Aspect ratio (l + r_1 + r_2)/(r_1 + r_2) [1], at least 2; ball radius and rod diameter [m].
+        Aspect ratio (l + r_1 + r_2)/(r_1 + r_2) [1], at least 2; ball radius and rod diameter [m]. By default 6, 0.005
+        and 0.004.
     l : float, optional
         Distance between the centres of the balls [m], in place of `A_r`.
     mu, mu_s, mu_h : float
-        Slip and stick friction coefficients [1]. `mu_h` is the stick friction of a lasting contact, None for `mu_s`. If
-        it is given, `mu_s` counts inside impacts only.
+        Slip and stick friction coefficients [1], 0.2 and 0.4 by default. `mu_h` is the stick friction of a lasting
+        contact, None for `mu_s`. If it is given, `mu_s` counts inside impacts only.
     beta0, xdot0 : float
-        Initial dip angle [rad], below pi/2 in size, and velocity of ball 1 along X in the room [m s-1]. Level is at
-        sin(beta) = (r_2 - r_1)/l: a smaller dip angle puts p2 on the plate.
+        Initial dip angle [rad], below pi/2 in size, and velocity of ball 1 along X in the room [m s-1]; "16 deg" and 1
+        by default. Level is at sin(beta) = (r_2 - r_1)/l: a smaller dip angle puts p2 on the plate.
     theta0 : float
         Initial heading [rad], the angle of the axis from Y.
     ydot0, betadot0, thetadot0, gammadot0 : float
@@ -505,9 +540,9 @@ class Parameters(_Fields):
         Intensities of a vibration along the plate's axes [1], and its phases before that along the normal [rad]; of its
         harmonics sin(k (omega t + phi0) + phi_x_k).
     rho_b, rho_r : float
-        Densities of balls and rod [kg m-3]; the rod may be without mass.
+        Densities of balls and rod [kg m-3], 7850 and 1180 by default; the rod may be without mass.
     g : float
-        Gravity [m s-2].
+        Gravity [m s-2], 9.81 by default. All parameters without a number here are 0 by default.
 
     Raises
     ------
@@ -522,7 +557,7 @@ class Parameters(_Fields):
     (0.3491, 6.0)
     """
 
-    def __init__(self, **given: Any) -> None:
+    def __init__(self, **given: Unpack[ParameterKeywords]) -> None:
         super().__init__(**spelt_out(given))
         values = self._values()
         known = {name for name, value in values.items() if value is not None}

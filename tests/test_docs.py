@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from dataclasses import fields
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import get_args
 
 import pytest
 import yaml
+from dask.system import CPU_COUNT
 from pydantic import BaseModel
 from sybil import Sybil
 from sybil.document import PythonDocStringDocument
@@ -25,9 +27,11 @@ import dimersweep
 from dimersweep import refine, search, sweep
 from dimersweep.analysis.borders.border_files import Borders
 from dimersweep.cubes.cube import FLAGS
-from dimersweep.parameters import Parameters
+from dimersweep.parameters import ParameterKeywords, Parameters
 from dimersweep.studies.declared import Declaration, read_declaration
-from dimersweep.symbols import PARAMETERS, Picture
+from dimersweep.symbols import BASE, HIGHER, PARAMETERS, STAND_INS, Picture, value_shown
+from dimersweep.work.options import Options, make_options
+from tests.checks.public import keywords
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*(ROOT / "docs").glob("*.md"), *ROOT.glob("*.md")])
@@ -208,31 +212,42 @@ def test_every_public_function_and_class_has_an_example(module):
     assert without == []
 
 
-def test_the_help_of_a_run_has_each_parameter_of_the_model_with_its_unit_meaning_and_default():
-    scrape = pytest.importorskip("numpydoc.docscrape")
-    told = {each.name: (each.type, *each.desc) for each in scrape.FunctionDoc(dimersweep.simulate)["Parameters"]}
-    shown = {*inspect.signature(dimersweep.simulate).parameters} - {"harmonics"}
-    assert shown <= told.keys() and len(told) == len(shown) + 1  # that of all of them
-    used = dimersweep.simulate(periods=1, record=False).parameters
-    for name in shown & PARAMETERS.keys():
-        kind, meaning = told[name]
-        units, default = PARAMETERS[name].units, kind.removeprefix("float or str, default ")
-        assert meaning == f"{PARAMETERS[name].long_name} [{units}]"
-        if name in used:
-            assert float(default) == pytest.approx(used[name], rel=1e-5)
-        elif default.replace(".", "").isdigit():  # it changes nothing to give it
-            assert Parameters(**{name: float(default)}).row().tolist() == Parameters().row().tolist()
-        else:
-            assert default in (*PARAMETERS, "sqrt(r_2/r_1)")
+def test_the_help_of_a_run_names_each_parameter_of_the_model():
+    told = set(re.findall(r"`(\w+)`", dimersweep.simulate.__doc__))
+    assert {*PARAMETERS, *STAND_INS} - HIGHER <= told
+
+
+def test_parameters_tell_units_and_defaults():
+    told = " ".join(Parameters.__doc__.split())
+    for name in {*BASE} - {"beta0"}:  # which is in degrees
+        assert re.search(rf"\b{name}\b", told) and re.search(rf"\b{BASE[name]:.6g}\b", told), name
+    assert value_shown("beta0", BASE["beta0"]) == "16\N{DEGREE SIGN}" and '"16 deg" and 1 by default' in told
+    assert all(f"[{PARAMETERS[name].units}]" in told for name in PARAMETERS)
+
+
+def test_keywords_of_parameters_are_all_parameters():
+    assert [*ParameterKeywords.__annotations__] == [
+        *(name for name in PARAMETERS if name not in HIGHER),
+        *STAND_INS,
+        *(name for name in PARAMETERS if name in HIGHER),
+    ]
+    for function in (dimersweep.simulate, Parameters.__init__):
+        assert keywords(function) == [*ParameterKeywords.__annotations__]
 
 
 @pytest.mark.parametrize("name", ["sweep", "bifurcation", "search", "refine", "make"])
 def test_what_makes_a_cube_names_its_options(name):
-    options = {"out", "workers", "progress", "force", "attrs", "client", "extend", "retry", "fail_fast", "keep_tiles"}
-    shown = inspect.signature(getattr(dimersweep, name)).parameters
-    assert options <= shown.keys()
-    assert not [each for each in shown.values() if each.kind is each.VAR_KEYWORD]
-    assert (shown["progress"].default, shown["workers"].default, shown["force"].default) == (True, None, False)
+    function = getattr(dimersweep, name)
+    shown = {*inspect.signature(function).parameters, *keywords(function)}
+    assert {each.name for each in fields(Options)} <= shown
+    usual = make_options()
+    assert (usual.progress, usual.workers, usual.force, usual.out) == (True, CPU_COUNT, False, None)
+
+
+def test_a_sweep_tells_each_of_its_options():
+    told = re.findall(r"^    (\w+) : ", dimersweep.sweep.__doc__, re.MULTILINE)
+    assert {*keywords(dimersweep.sweep), *inspect.signature(dimersweep.sweep).parameters} - {"options"} == {*told}
+    assert {*keywords(dimersweep.bifurcation)} < {*told}
 
 
 PAGES_OF_NAMES = re.findall(r"^   ([\w.]+)$", text_of("docs/api.md"), re.MULTILINE)

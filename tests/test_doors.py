@@ -23,6 +23,7 @@ from dimersweep.inputs import as_number, as_numbers
 from dimersweep.runs.accessor import DatasetAccessor
 from dimersweep.symbols import PARAMETERS
 from dimersweep.work.options import make_options
+from tests.checks.public import keywords
 
 TIMES = np.arange(1500) / 1000
 SHAKEN = -9.81 * (0.9 * np.sin(2 * np.pi * 15 * TIMES) + 0.05 * np.sin(4 * np.pi * 15 * TIMES + 1))
@@ -266,11 +267,12 @@ def arguments_of(name, one):
                     f"{inner}.{each}" for each in inspect.signature(method).parameters if each not in ("self", "cls")
                 )
     elif inspect.isfunction(one):
-        yield from (f"{name}.{each}" for each in inspect.signature(one).parameters)
+        more = keywords(one) if "look" not in inspect.signature(one).parameters else []
+        yield from (f"{name}.{each}" for each in (*inspect.signature(one).parameters, *more) if each != "options")
 
 
 def test_every_public_argument_that_takes_numbers_stands_here():
-    parameters = {f"simulate.{name}" for name in inspect.signature(dimersweep.simulate).parameters} - set(DOORS)
+    parameters = {f"simulate.{name}" for name in keywords(dimersweep.simulate)} - set(DOORS)
     found = set(public_arguments()) - parameters
     unknown = {
         each

@@ -1,6 +1,5 @@
 """A run that is held: started from a state, gone on with, and what it says of itself."""
 
-import inspect
 import json
 from math import nan
 
@@ -16,7 +15,6 @@ from dimersweep.errors import ParameterError, StoreError
 from dimersweep.runs import solving
 from dimersweep.runs.growth import Lyapunov
 from dimersweep.storage.provenance import digest
-from dimersweep.symbols import HIGHER, PARAMETERS
 from tests.checks.data import data
 
 pytestmark = pytest.mark.jit
@@ -157,11 +155,6 @@ def test_the_section_has_one_point_a_period():
     assert section.sizes == {"n": 26}
     np.testing.assert_array_equal(section["plate"], 0)
     np.testing.assert_array_equal(section["beta"], run.states(np.arange(26) / F)["beta"])
-
-
-def test_simulate_names_its_parameters():
-    shown = [name for name in PARAMETERS if name not in HIGHER]
-    assert list(inspect.signature(simulate).parameters)[: len(shown)] == shown
 
 
 def test_a_cube_tells_how_fast_a_dimer_at_rest_rolls():

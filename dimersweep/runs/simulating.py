@@ -2,18 +2,18 @@
 
 from collections.abc import Mapping
 from math import remainder, tau
-from typing import Any
+from typing import Any, Unpack
 
 import xarray as xr
 
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_seconds, check_switch
-from dimersweep.parameters import Parameters, check_names, moved_on, updated
+from dimersweep.parameters import ParameterKeywords, Parameters, check_names, moved_on, updated
 from dimersweep.runs.behind import parameters_of, was_carried
 from dimersweep.runs.recorded import parameters_in
 from dimersweep.runs.run import Run, proven_run, simulate_checked
 from dimersweep.runs.solving import check_recorded, run_settings
-from dimersweep.runs.starting import is_point, listed, named, start_of
+from dimersweep.runs.starting import is_point, start_of
 from dimersweep.symbols import START
 
 
@@ -25,7 +25,7 @@ def simulate(
     stop_when_settled: bool = False,
     record: bool = True,
     max_seconds: float | str | None = None,
-    **parameters: Any,
+    **parameters: Unpack[ParameterKeywords],
 ) -> Run:
     """Run one dimer on its vibrating plate; the defaults are the paper's base case (Sect. 3).
 
@@ -54,8 +54,13 @@ def simulate(
         Bound on the time that the run takes [s], or a text such as "5 min". A run that reaches it has the status
         "stopped", the `n_periods` completed by then, and the events and states up to there.
     **parameters : float or str
-        Parameters of the model by their names, in SI units, as below, or quantities in place of some, see `Parameters`.
-        An angle may be a text such as "16 deg", a length a text such as "2 mm".
+        Parameters of the model in SI units; an angle may be a text such as "16 deg", a length a text such as "2 mm".
+        `Parameters` has their meanings, units and defaults. Of the dimer: `A_r` (or `l`), `r`, `D_r`, `rho_b`, `rho_r`,
+        `e`, `mu`, `mu_s`, `mu_h`, `eta`, `k_ratio`, and of one end alone `r_1`, `r_2`, `rho_b_1`, `rho_b_2`, `e_1`,
+        `e_2`, `mu_1`, `mu_2`, `mu_s_1`, `mu_s_2`, `mu_h_1`, `mu_h_2`. Of the plate: `Gamma` (or `A_z`, `v_z`), `f`,
+        `phi0`, `g`, `tilt`, `azimuth`, `Gamma_2`, `phi_2`, `Gamma_x`, `phi_x`, `Gamma_y`, `phi_y`, and higher harmonics
+        up to `phi_y_16`, or all as `harmonics`. Of the start: `beta0`, `xdot0`, `ydot0`, `theta0`, `betadot0`,
+        `thetadot0`, `gammadot0`, `gap0`.
 
     Returns
     -------
@@ -75,18 +80,19 @@ def simulate(
     >>> run.mode, run.orbit.di_end
     ('drift', 'sp_sk')
     """
-    check_names(parameters)
+    asked: dict[str, Any] = {**parameters}
+    check_names(asked)
     if is_point(start):
         if was_carried(start):
             raise ParameterError(
                 "start: to this point a state was carried, which the cube does not hold; take cube.dimersweep.run(...)"
             )
-        parameters, start = updated(parameters_of(start), parameters), None
+        asked, start = updated(parameters_of(start), asked), None
     if hasattr(start, "states"):  # a run
         start = start.states(start.duration)
     begun = None if start is None else start_of(start)
     known = parameters_in(start) if isinstance(start, xr.Dataset) else {}
-    given = Parameters(**parameters) if begun is None else _with_start(parameters, known, begun)
+    given = Parameters(**asked) if begun is None else _with_start(asked, known, begun)
     how = run_settings(periods=periods, rtol=rtol, stop_when_settled=stop_when_settled)
     seconds, before = check_seconds(max_seconds), Parameters(**known) if known else None
     if check_switch("record", record):
@@ -94,10 +100,6 @@ def simulate(
     return proven_run(
         lambda space: simulate_checked(given, how, space, record=record, begun=begun, before=before), seconds
     )
-
-
-simulate.__signature__ = named(simulate)  # type: ignore[attr-defined]
-simulate.__doc__ = listed(simulate.__doc__ or "")
 
 
 def _with_start(given: Mapping[str, Any], known: Mapping[str, float], start: Mapping[str, float]) -> Parameters:

@@ -1,7 +1,6 @@
 """Start a run from any state: check what a user gives as a start, and convert it to the kernel's state."""
 
 from collections.abc import Mapping
-from inspect import Parameter, Signature, cleandoc
 from math import degrees, pi
 from typing import Any, TypeGuard
 
@@ -15,7 +14,7 @@ from dimersweep.kernel.model.layout import D1, D2, FREE, N1, N2, N_STATE, Dimer,
 from dimersweep.kernel.model.plate import motion
 from dimersweep.kernel.numerics.elementary import sine_and_cosine
 from dimersweep.parameters import dimer_from
-from dimersweep.symbols import BASE, FORMER_NAMES, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, STAND_INS, STATE_QUANTITIES
+from dimersweep.symbols import FORMER_NAMES, STATE_QUANTITIES
 
 CLOSED_GAP = 1e-12  # size below which a gap counts as closed [m]: round-off of heights; more below zero is refused
 # greatest disagreement of the gaps of a start with its dip angle, in units of the distance of the balls
@@ -140,29 +139,6 @@ def _both(start: Mapping[str, float], name: str, apart: float, otherwise: float)
     one, two = name.format(1), name.format(2)
     first = start.get(one, start[two] - apart if two in start else otherwise)
     return first, start.get(two, first + apart)
-
-
-def named(function: Any) -> Signature:
-    """Return the signature of a function that takes the model's parameters as `**parameters`, each by its name."""
-    own = [each for each in Signature.from_callable(function).parameters.values() if each.kind is not each.VAR_KEYWORD]
-    model = [
-        Parameter(name, Parameter.KEYWORD_ONLY, default=BASE.get(name), annotation="float | str | None")
-        for name in (*PARAMETERS, *STAND_INS)
-        if name not in HIGHER
-    ]
-    return Signature([*model, *own])
-
-
-def listed(docstring: str) -> str:
-    """Return the docstring of such a function (`named`) with an entry for each parameter of the model."""
-    entries = []
-    for name, quantity in (PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}).items():
-        value = (BASE | LEFT_OUT).get(name, "none")
-        default = value if isinstance(value, str) else f"{value:.6g}"
-        if name not in HIGHER:
-            entries.append(f"{name} : float or str, default {default}\n    {quantity.long_name} [{quantity.units}]")
-    before, returns, after = cleandoc(docstring).partition("\n\nReturns\n")
-    return "\n".join([before, *entries]) + returns + after
 
 
 def fitted(start: np.ndarray, before: np.ndarray, row: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args
+from typing import Annotated, Any, Literal, TypeVar, Unpack, get_args
 
 import xarray as xr
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -25,7 +25,7 @@ from dimersweep.studies.observing import look_in
 from dimersweep.studies.point_tables import point_table
 from dimersweep.studies.study import Study
 from dimersweep.symbols import PARAMETERS, Picture
-from dimersweep.work.options import with_options
+from dimersweep.work.options import MakingKeywords
 
 # attributes of a cube that name the program, the compiler and the processor that made it
 MADE_BY = ("source", "git_commit", "python", "numpy", "numba", "llvmlite", "cpu")
@@ -313,7 +313,7 @@ def make(
     rtol: float | None = None,
     certify: bool = False,
     observe: Any = None,
-    **options: Any,
+    **options: Unpack[MakingKeywords],
 ) -> xr.Dataset:
     """Make the cube of a declaration, and write it.
 
@@ -354,9 +354,6 @@ def make(
     study = declared.study(periods=periods, rtol=rtol, certify=certify, observe=observe)
     options.setdefault("attrs", declared.attrs)
     return make_cube(study, out=out, **options)
-
-
-make.__signature__ = with_options(make)  # type: ignore[attr-defined]
 
 
 def from_cube(path: str | os.PathLike[str], *, other_kernel: bool = False) -> Declaration:

@@ -21,7 +21,7 @@ from dimersweep.studies.making import make_cube
 from dimersweep.studies.observing import OwnObserver
 from dimersweep.studies.search import MIXED, REGIONS, Search
 from dimersweep.studies.study import Batch, Sample
-from dimersweep.work.options import OptionKeywords, with_options
+from dimersweep.work.options import OptionKeywords
 
 MAX_HALVINGS = 12  # 4096 intervals of the fine grid in each of the coarse one
 # variables that a point that was not computed takes from a corner of the cell around it
@@ -326,6 +326,3 @@ def refine(
     settings: dict[str, Any] = {"periods": periods, "max_periods": max_periods, "rtol": rtol}
     coarse = search.study_of(grid, fixed, over=over, ask=ask, mode=mode, observe=observe, **settings)
     return make_cube(study_of(coarse, halvings, between), **options)
-
-
-refine.__signature__ = with_options(refine)  # type: ignore[attr-defined]

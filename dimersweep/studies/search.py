@@ -23,7 +23,7 @@ from dimersweep.studies.observers import FinishedRuns, Longer, Observer, paths_o
 from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Batch, Sample, Study
 from dimersweep.symbols import PARAMETERS
-from dimersweep.work.options import OptionKeywords, with_options
+from dimersweep.work.options import OptionKeywords
 from dimersweep.work.parts import SweepPart
 
 REGIONS = FLAGS["region"]
@@ -368,6 +368,3 @@ def search(
     asked: dict[str, Any] = {"over": over, "ask": ask, "mode": mode, "orbit_periods": orbit_periods, "paths": paths}
     study = study_of(grid, fixed, **asked, observe=observe, periods=periods, max_periods=max_periods, rtol=rtol)
     return make_cube(study, **options)
-
-
-search.__signature__ = with_options(search)  # type: ignore[attr-defined]

@@ -17,7 +17,7 @@ from dimersweep.studies.making import make_cube
 from dimersweep.studies.observers import Certify, Observer, strobes_of
 from dimersweep.studies.observing import own_of
 from dimersweep.studies.study import Study
-from dimersweep.work.options import OptionKeywords, with_options
+from dimersweep.work.options import OptionKeywords
 
 
 def study_of(
@@ -180,11 +180,26 @@ def sweep(
     return make_cube(study, **options)
 
 
-sweep.__signature__ = with_options(sweep)  # type: ignore[attr-defined]
+class SweepKeywords(OptionKeywords, total=False):
+    """Settings and options of `sweep` that `bifurcation` takes, too."""
+
+    points: Any
+    max_periods: int | None
+    rtol: float
+    stop_when_settled: bool
+    certify: bool
+    carry: Literal["up", "down", "both"] | None
+    sustained: bool
+    observe: Any
 
 
 def bifurcation(
-    grid: Mapping[str, Any], fixed: Mapping[str, Any] | None = None, *, periods: int, strobes: int = 64, **how: Any
+    grid: Mapping[str, Any],
+    fixed: Mapping[str, Any] | None = None,
+    *,
+    periods: int,
+    strobes: int = 64,
+    **how: Unpack[SweepKeywords],
 ) -> xr.Dataset:
     """Make a bifurcation diagram: states at the starts of forcing periods, after the transients, over any axis.
 
@@ -217,8 +232,5 @@ def bifurcation(
     >>> diagram["strobe_gap_2"].sizes["strobe"]
     4
     """
-    attrs = {"plot": "bifurcation"} | check_attrs(how.pop("attrs", None))
-    return sweep(grid, fixed, periods=periods, strobes=check_count("strobes", strobes), attrs=attrs, **how)
-
-
-bifurcation.__signature__ = with_options(bifurcation, sweep)  # type: ignore[attr-defined]
+    how["attrs"] = {"plot": "bifurcation"} | check_attrs(how.get("attrs"))
+    return sweep(grid, fixed, periods=periods, strobes=check_count("strobes", strobes), **how)

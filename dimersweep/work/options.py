@@ -2,8 +2,7 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from inspect import Parameter, Signature, signature
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -17,10 +16,9 @@ from dimersweep.work.parts import SweepPart
 MAX_WORKERS = 4096  # most threads that may be asked for: a larger number is a typing error
 
 
-class OptionKeywords(TypedDict, total=False):
-    """Options as keyword arguments that may be left out; see `sweep`."""
+class MakingKeywords(TypedDict, total=False):
+    """Options of a study as keyword arguments, besides its output; see `sweep`."""
 
-    out: str | os.PathLike[str] | None
     workers: int | None
     progress: bool
     force: bool
@@ -32,6 +30,12 @@ class OptionKeywords(TypedDict, total=False):
     keep_tiles: bool
     part: str | tuple[int, int] | None
     give_up_after: float | str | None
+
+
+class OptionKeywords(MakingKeywords, total=False):
+    """Options of a study as keyword arguments; see `sweep`."""
+
+    out: str | os.PathLike[str] | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,19 +54,6 @@ class Options:
     retry: bool = False
     part: SweepPart | None = None
     give_up_after: float | None = None  # [s]
-
-
-def with_options(function: Any, like: Any = None) -> Signature:
-    """Return the signature of a function in which its options, or else all keywords of `like`, are named one by one."""
-    own = signature(function)
-    usual = {each.name: each.default for each in fields(Options)} | {"workers": None, "attrs": None}
-    kinds = OptionKeywords.__annotations__.items()
-    if like is None:
-        more = [Parameter(name, Parameter.KEYWORD_ONLY, default=usual[name], annotation=kind) for name, kind in kinds]
-    else:
-        more = [each for each in signature(like).parameters.values() if each.kind is each.KEYWORD_ONLY]
-    shown = [each for each in own.parameters.values() if each.kind is not each.VAR_KEYWORD]
-    return own.replace(parameters=shown + [each for each in more if each.name not in own.parameters])
 
 
 IN_PASSING = Options(workers=1, progress=False)  # options of a small study within another calculation

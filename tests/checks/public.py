@@ -6,7 +6,7 @@
 import inspect
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack, get_args, get_origin, get_type_hints
 
 import typer
 import xarray as xr
@@ -42,7 +42,10 @@ def _described(name: str, value: Any) -> Iterator[str]:
 
 
 def _signature(value: Any) -> str:
-    """Return the names and defaults of parameters, without types; "" of what is not called."""
+    """Return the names and defaults of parameters, without types; "" of what is not called.
+
+    Behind keywords whose names are a `TypedDict` stand these names.
+    """
     if not callable(value):
         return ""
     try:
@@ -50,7 +53,14 @@ def _signature(value: Any) -> str:
     except ValueError:  # of some built-in types
         return "(...)"
     bare = [each.replace(annotation=inspect.Parameter.empty) for each in signature.parameters.values()]
-    return str(signature.replace(parameters=bare, return_annotation=inspect.Signature.empty))
+    shown = str(signature.replace(parameters=bare, return_annotation=inspect.Signature.empty))
+    return " ".join([shown, *keywords(value)])
+
+
+def keywords(value: Any) -> list[str]:
+    """Return the names of the keyword arguments that a function takes by a `TypedDict` (``**options: Unpack[...]``)."""
+    kinds = [each.annotation for each in inspect.signature(value).parameters.values() if each.kind is each.VAR_KEYWORD]
+    return [name for kind in kinds if get_origin(kind) is Unpack for name in get_type_hints(get_args(kind)[0])]
 
 
 def options() -> Iterator[str]:
