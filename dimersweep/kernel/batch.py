@@ -153,10 +153,10 @@ def note_failure(status, out, codes):
 
 @compiled
 def follow_with_twin(dm, ask, run, later, twin, record):
-    """Follow a run that has not settled on as `later`, beside a `twin`, in stretches until the two are apart.
+    """Continue a run that has not settled, once as `later` and once as its `twin`, until both have come apart.
 
-    The plate phase of the twin is shifted at the start. The run itself stays as it ended. The two share one past, of
-    which only the last strobes count: one of each, after each stretch.
+    The plate phase of the twin is shifted at the start. Both go on in stretches. The run itself stays as it ended. Both
+    share one past, of which only the last strobes count: one of each, after each stretch.
 
     Returns
     -------

@@ -222,7 +222,7 @@ def close_both(dm, c, state):
 
 @compiled
 def note_close(dm, before, state, F, work):
-    """Note the works of the impulses F of a close in the first row of those of an impact.
+    """Note the works of the impulses F of a close in the first of the rows for the works of an impact.
 
     An impulse that acts at once works with the mean of the velocities before and after it. The axial impulse that two
     closed ends share works half at each.

@@ -157,10 +157,10 @@ def contact_of(dm, motion):
 
 @compiled(inline=True)
 def begin_course(course, contact, cause, events):
-    """Set a course to its start; the friction modes of ends on the plate are chosen anew.
+    """Reset the progress of a run before its first event, and mark the contact of its ends as still to be chosen.
 
-    `contact` is the contact state of Table 1 there, `cause` the cause of the first event row, and `events` the number
-    of events in the record.
+    `contact` is the contact state of Table 1 at the start, and `cause` the cause of the first event row. `events` is
+    the number of events that the record has already. The works and the impacts in the course stay as they are.
     """
     course.status, course.ended = OK, False
     course.pending, course.event, course.contact_is_set, course.slip_tol = True, NO_EVENT, False, 0.0

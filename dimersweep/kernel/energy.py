@@ -25,7 +25,7 @@ class Book(NamedTuple):
 
 
 def new_book(rows: int) -> Book:
-    """Return an empty book beside a record of so many rows."""
+    """Return an empty book for a record with `rows` rows for events and for smooth phases each."""
     works = [np.zeros((rows, N_WORK)) for _ in range(3)]
     return Book(works[0], works[1], np.zeros((rows, N_STATE)), works[2], np.zeros(rows, np.int64))
 

@@ -119,10 +119,11 @@ def note_forces(dm, motion, forces):
 
 @compiled
 def follow_hops(dm, space, segment, motion, span, rtol, record):
-    """Move the state on by a time from the close of a chatter, through the hops that were summed there.
+    """Move the state on by `span` [s] from the close of a chatter, by a run through the hops that were summed there.
 
-    Return a status. The phase of the plate is counted anew, so that a forcing period ends at the time asked for. The
-    row of the workspace changes accordingly, and its later dimer is set from it.
+    Return the status of the run. A run ends with a forcing period. So that this period ends after `span`, the phase of
+    the plate is counted from another moment during the run: the row of the workspace has a later start, and its later
+    dimer is set from the row.
     """
     state, modes = motion.state, motion.modes
     for k in range(N1, CB + 1):

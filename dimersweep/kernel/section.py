@@ -20,7 +20,7 @@ N_POINT, SPIN_COORDINATE = len(SLOTS), SLOTS.index(SPIN)
 
 @compiled
 def set_point(state, units, point):
-    """Write the point of a state."""
+    """Write the coordinates of a state, in `units`, into `point`, shape (N_POINT,)."""
     for k in range(N_POINT):
         point[k] = state[SLOTS[k]] / units[k]
 
@@ -45,9 +45,9 @@ def judge(dm, units, point):
 
 @compiled
 def set_state(dm, units, point, modes, state):
-    """Write the state at a point with the ends in their friction modes.
+    """Write the kernel state at a point into `state`, with the ends that stick at rest.
 
-    A gap that is below zero by a rounding is closed.
+    The cyclic coordinates are zero. A gap below zero, as by rounding, is set to zero.
     """
     for k in range(N_STATE):
         state[k] = 0.0

@@ -128,14 +128,17 @@ def _map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
 
 
 def _shades(values: np.ndarray) -> dict[str, Any]:
-    """Return a scale of colours between the least and greatest finite value."""
+    """Return the settings of matplotlib for colours from the least finite value to the greatest."""
     finite = values[np.isfinite(values)]
     vmin, vmax = widened(finite.min(), finite.max()) if finite.size else (None, None)
     return {"cmap": "viridis", "vmin": vmin, "vmax": vmax}
 
 
 def _explain(board: Board, values: xr.DataArray, drawn: Any, more: str = "") -> None:
-    """Explain the colours beside a figure: by a legend of modes, or by a bar of a quantity."""
+    """Add a legend of the modes to a figure, or a colour bar of the quantity `values`.
+
+    `more` is added to the label of the bar.
+    """
     if values.name == "mode":
         board.legend("right center", mode_handles(values), fontsize="small")
     else:

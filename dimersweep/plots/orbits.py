@@ -261,9 +261,9 @@ def shares(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
 
 
 def planar(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
-    """Draw the velocity of a drift along its axis over one parameter.
+    """Draw the velocity of drifts along the axis of the dimer over one parameter, in a colour for each impact end.
 
-    It is positive from the end that is down to the other end.
+    The velocity is positive from the end that is down to the other end [mm/s].
 
     Parameters
     ----------

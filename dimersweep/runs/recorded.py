@@ -246,7 +246,7 @@ def _states(row: np.ndarray, times: np.ndarray, kernel_states: np.ndarray, modes
 
 
 def named_state(row: np.ndarray, start: np.ndarray) -> dict[str, float]:
-    """Return a kernel state to start from, shape (1, N_START), by the names that `simulate` takes as a start."""
+    """Return a start, a kernel state of shape (1, N_START), as numbers by the names that `simulate` takes."""
     states = _states(row, np.zeros(1), start[:, :N_STATE], start[:, N_STATE:])
     return {name: float(states[name].item()) for name in STARTED}
 

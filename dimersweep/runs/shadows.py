@@ -124,10 +124,10 @@ def pairs(events: xr.Dataset, others: xr.Dataset, T: float) -> tuple[np.ndarray,
 
 
 def _sorted_out(events: xr.Dataset, T: float) -> pd.DataFrame:
-    """Return a table of events with their rows and their `room`.
+    """Return a table of events with the columns that `pairs` compares: time, cause, kind, which, room and row.
 
-    `which` counts the events of one cause and kind at one time. `room` is the time to the nearest event of the same
-    sort, at most `T` [s].
+    `which` numbers the events of one cause and kind that happen at one time. `room` is the time to the nearest event
+    with the same cause, kind and `which`, at most `T` [s]. `row` is the row of the event in `events`.
     """
     table = events[["time", "cause", "kind"]].to_dataframe().reset_index(drop=True)
     table["which"] = table.groupby(["time", "cause", "kind"]).cumcount()

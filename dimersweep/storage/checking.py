@@ -49,7 +49,10 @@ def configuration_of(dataset: xr.Dataset, what: str, path: Path, noun: str = "Ne
 
 
 def changed(what: str, path: Path, why: str = "") -> StoreError:
-    """Return the error for a cube or a run that was changed since it was written."""
+    """Return the error that refuses a file whose cube or run (`what`) was changed, or is incomplete.
+
+    `why`, if it is not empty, stands in brackets at the end of the message.
+    """
     then = "; sweep it again" if what == "cube" else ""
     return StoreError(f"{path}: is a {what} of dimersweep that was changed or is incomplete{why and f' ({why})'}{then}")
 

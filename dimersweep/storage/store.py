@@ -223,7 +223,7 @@ class Store:
         self._insert(row._replace(sha256=self._checksum(row)))
 
     def _insert(self, row: StoredTile) -> None:
-        """Add a row as it is."""
+        """Insert a row into the table of tiles, unchecked."""
         self.connection.execute("INSERT INTO tiles VALUES (?, ?, ?, ?, ?, ?, ?, ?)", row)
 
     def take_out(self, start: int) -> None:
@@ -231,7 +231,7 @@ class Store:
         self.connection.execute("DELETE FROM tiles WHERE start = ?", (start,))
 
     def tell(self, **about: str | int) -> None:
-        """Change metadata of the store."""
+        """Write metadata into the store, over those of the same names."""
         self.connection.executemany("INSERT OR REPLACE INTO about VALUES (?, ?)", about.items())
         self.about.update(about)
 

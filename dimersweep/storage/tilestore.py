@@ -163,7 +163,7 @@ class TileStore(Store):
         return "" if known and json.dumps(tally(codes)) == row.what else "has other modes than were listed"
 
     def _finished(self, row: StoredTile) -> Finished:
-        """Return a row as a finished tile."""
+        """Return the finished tile that a row of the table stands for."""
         return Finished(Tile(row.start, row.stop), np.frombuffer(row.results, self.kind))
 
     def read(self, start: int, stop: int) -> np.ndarray:
@@ -191,7 +191,7 @@ class _HeldTiles(TileStore):
         self._results = blank_results(size, kind)
 
     def add(self, finished: Finished) -> None:
-        """Copy a finished tile into the array, and add its row."""
+        """Copy the results of a finished tile into the array, and enter the tile in the table of the store."""
         here = self._results[slice(*finished.tile)]
         here[:] = finished.results
         super().add(finished._replace(results=here))

@@ -99,9 +99,10 @@ def _opened(study: Study, options: Options) -> Iterator[tuple[TileStore, PointRu
 
 
 def fill(study: Study, hired: PointRunner, known: Sequence[Known] = ()) -> Study:
-    """Run the points that a study asks for and other cubes lack; return the study that labels the results.
+    """Complete the store of a study, batch by batch: copy the points that other cubes have, and run the others.
 
-    Results go into the store of the workers `hired`. `known` looks up the points of other cubes.
+    `known` looks up the points of other cubes, `hired` are the workers with the store. Return the study of the last
+    batch, which labels all results: in a refinement it has all cells.
     """
     store, size = hired.store, study.size
 

@@ -346,7 +346,7 @@ class OwnObserver(Observer):
 
     @property
     def here(self) -> Any:
-        """The function or class of the observer in this process."""
+        """The function or class of the observer; imported by its name where it was left out (`__getstate__`)."""
         return found(self.name) if self.base is None else self.base
 
     def check_here(self) -> None:

@@ -56,7 +56,7 @@ class Plan:
 
     @property
     def to_run(self) -> int:
-        """Expected number of points to be run, finished points included."""
+        """Expected number of points that the whole sweep runs: those that are finished, and those to come."""
         return max(1, self.done, round(self._total(self.points)[0]))
 
     @property

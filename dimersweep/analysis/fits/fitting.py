@@ -483,7 +483,11 @@ class _Search:
 
 
 def _probability(misfit: float, slopes: np.ndarray) -> float:
-    """Return the probability of a greater misfit, if each direction that is not open takes one degree of freedom."""
+    """Return the probability that chance gives a greater misfit (chi-squared).
+
+    The degrees of freedom are the number of data less the number of directions in which the data determine the
+    parameters. `slopes`, shape (data, parameters), has small singular values in the directions that stay open.
+    """
     taken = np.count_nonzero(np.linalg.svd(slopes, compute_uv=False) >= FEW_ERRORS)
     return float(chi2.sf(misfit, max(1, slopes.shape[0] - taken)))
 

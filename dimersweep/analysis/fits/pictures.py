@@ -95,8 +95,11 @@ def _finer(centres: np.ndarray, *others: np.ndarray) -> tuple[np.ndarray, ...]:
 def _regions(
     axes: Axes, pair: list[int], centres: np.ndarray, rises: np.ndarray, across: np.ndarray, along: np.ndarray
 ) -> None:
-    """Fill ellipses about points, shape (p, n): as wide as the misfit leaves, and as long as the way to the next
-    points.
+    """Fill the regions of one and two standard deviations of the two parameters `pair`, by ellipses about points.
+
+    `centres`, shape (p, n), are the points of a valley, or the fit alone, and `rises` their misfits above the least
+    one. `across` and `along`, shape (p, n, n), are covariances (`Valley`). An ellipse is as wide across the valley as
+    its misfit leaves, and as long along the valley as the way to the next points.
     """
     angle = np.linspace(0, 2 * np.pi, CORNERS)
     for times, shade in DEVIATIONS.items():

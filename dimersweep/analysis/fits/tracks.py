@@ -278,11 +278,11 @@ def _checked(t: Any, x: Any, y: Any, sigma: Any, moving: bool) -> tuple[np.ndarr
 
 
 def _rows(times: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return the times and places of a track in order, without copies of a row, and the number of different times.
+    """Return the times and places of a track by time, without copies of a row, and the number of different times.
 
-    Where most times have several rows, a time with a single row is left out: it may be of one ball only. So is the
-    first or the last time if it has fewer rows than most. Of rounded times it has a part only, whose mean belongs to
-    another time.
+    Several rows of one time may be two balls, or several times that were rounded to one. Where most times have several
+    rows, two kinds of times are left out. A time with a single row may have one ball only. The first or the last time
+    with fewer rows than most may lack a part of the times that were rounded to it, so that their mean is shifted.
     """
     order = np.argsort(times, kind="stable")
     times, place = times[order], place[order]

@@ -65,7 +65,10 @@ def _is_trusted(base: Path) -> bool:
 
 
 def files(version: str, name: str = "*") -> list[Path]:
-    """Return the trusted files with code of a version, by a name or by default all names; the first one counts."""
+    """Return the files with the code of a version in the trusted folders: of one `name`, by default of any name.
+
+    They are in the order of `base_folders`. Of several files with one name, the first that is intact is loaded.
+    """
     return [file for base in base_folders() if _is_trusted(base) for file in base.glob(f"{version}-{name}{SUFFIX}")]
 
 

@@ -182,9 +182,11 @@ def value_on_cubic(at, share):
 
 @compiled(inline=True)
 def probe_step(at, t):
-    """Take the step up to the time t of it, and judge its end.
+    """Take a step of size t from the start of the step that has the event, and judge the event functions at its end.
 
-    Return the least event function there, its event, and PROBE_FOUND, PROBE_LOOK_ON or PROBE_REFUSED.
+    `t` is in the unit of the method of the step: seconds, or xi. Return the least event function there, its number, and
+    the verdict: PROBE_FOUND if the event is located, else PROBE_LOOK_ON; PROBE_REFUSED if the error of the step exceeds
+    the tolerance.
     """
     p, y = at.p, at.p.b.out.y
     if not step_to(p, p.control.now, t) <= 1.0:

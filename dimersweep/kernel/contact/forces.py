@@ -87,10 +87,10 @@ def pull_at(dm, phase, theta):
 
 @compiled(inline=True, fuse=True)
 def free_rates(dm, p, rod, pull):
-    """Return the rates by (2) without contact forces, h + Q of (A.5) and (A.6), relative to the plate.
+    """Return five rates of the motion relative to the plate without contact forces: h + Q of (A.5), (A.6) in (2).
 
-    They are those of beta' and theta' cos(beta), and of the (n, a, b) velocities of the leading end p: (1)
-    differentiated.
+    They are the rates of beta' and of theta' cos(beta), and the normal, axial and lateral acceleration of the leading
+    end p. These three are the derivatives of its velocities in (1).
     """
     sin_b, cos_b, w_b, w_p, spin, u_a, u_b, _ = rod
     lv = levers(p, sin_b, cos_b)

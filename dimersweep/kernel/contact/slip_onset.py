@@ -26,7 +26,10 @@ PAIR_TURNS, PAIR_TURN = 100, 0.1
 
 @compiled
 def rates_of_slip(dm, c, i, a, b):
-    """Return the axial and the lateral rate of the slip of end i after that slip is set to (a, b)."""
+    """Set the slip of end i to (a, b), axial and lateral; return its axial and its lateral rate [m s-2].
+
+    The state, rates and forces of `c` become those of this slip.
+    """
     put_slip(dm, c.modes, c.y, i, a, b)
     take_rates(dm, c)
     return slip_of(dm, c.modes, c.dy, i)
@@ -34,7 +37,11 @@ def rates_of_slip(dm, c, i, a, b):
 
 @compiled
 def set_out(dm, c, i, phi):
-    """Return the acceleration of the slip of end i across and along the direction phi [rad], once it slips that way."""
+    """Let end i slip in the direction phi [rad]; return the acceleration of the slip across phi and along phi.
+
+    Across is positive where the slip turns to a smaller phi. The size of the slip is SINGLE_SPEED, in units of the slip
+    that counts as none.
+    """
     (sin_phi, cos_phi), v = sincos(phi), SINGLE_SPEED * c.slip_tol
     a, b = rates_of_slip(dm, c, i, v * cos_phi, v * sin_phi)
     return a * sin_phi - b * cos_phi, a * cos_phi + b * sin_phi
@@ -104,7 +111,11 @@ def slip_onset(dm, c, i, hold_a, hold_b):
 
 @compiled
 def rates_of_pair(dm, c, u, u_1, u_2):
-    """Return the axial rate and both lateral rates of the slips of two ends after these are set to (u, u_1, u_2)."""
+    """Set the slips of both ends to u, u_1, u_2; return the rates of these three numbers [m s-2].
+
+    u is the axial slip, which both ends share; u_1 and u_2 are the lateral slips of p1 and p2. The state, rates and
+    forces of `c` become those of these slips.
+    """
     put_slips(dm, c.y, u, u_1, u_2)
     take_rates(dm, c)
     a, a_1 = slip_of(dm, c.modes, c.dy, 0)
@@ -114,10 +125,11 @@ def rates_of_pair(dm, c, u, u_1, u_2):
 
 @compiled
 def set_out_as_pair(dm, c, side, b_1, b_2):
-    """Return the accelerations of two ends that slip along (1, b_i) times `side`.
+    """Let end i slip in the direction `side` (1, b_i), for both ends; return three accelerations [m s-2].
 
-    The first is the axial acceleration that way. The others are the lateral accelerations of p1 and p2 beyond that
-    direction: zero where the acceleration of an end is parallel to its slip.
+    The first is the axial acceleration, positive towards `side`. The second and the third belong to p1 and p2: each is
+    the lateral acceleration of end i less b_i times the axial one. It is zero where the acceleration of an end is
+    parallel to its slip.
     """
     u = side * (PAIR_SPEED * c.slip_tol) / length(1.0, max(abs(b_1), abs(b_2)))
     a, a_1, a_2 = rates_of_pair(dm, c, u, u * b_1, u * b_2)
@@ -126,10 +138,12 @@ def set_out_as_pair(dm, c, side, b_1, b_2):
 
 @compiled
 def pair_onset(dm, c, side, b_1, b_2):
-    """Write slips out of rest of two ends into y whose accelerations are parallel to the slips.
+    """Let both ends slip out of rest together: write slips into y, each parallel to the acceleration that it gets.
 
-    Their direction is (1, b_i) times `side`: it is looked for near the given one, then where slips along the given one
-    turn to. Where there is none, the given direction is kept.
+    The direction of the slip of end i is `side` (1, b_i). So `side`, 1.0 or -1.0, is the sign of the axial slip, which
+    both ends share, and b_i is the lateral slip of end i over the axial slip. Such slips are looked for near the given
+    directions, then near the directions to which slips in the given directions turn. If neither finds any, the ends
+    slip in the given directions.
     """
     if not settle_pair(dm, c, side, b_1, b_2):
         u, u_1, u_2 = turned_pair(dm, c, side, side * b_1, side * b_2)
@@ -139,9 +153,10 @@ def pair_onset(dm, c, side, b_1, b_2):
 
 @compiled
 def settle_pair(dm, c, side, b_1, b_2):
-    """Find the directions that `pair_onset` asks for near (1, b_i) times `side`; return False if there are none.
+    """Find slips parallel to their accelerations by Newton's rule, from the directions `side` (1, b_i).
 
-    They are found by Newton's rule, and the slips are written into y.
+    The directions are those of `pair_onset`; the slips are written into y. Return False if Newton's rule finds none, or
+    slips that would decrease.
     """
     for _ in range(MAX_NEWTON):
         along, r_1, r_2 = set_out_as_pair(dm, c, side, b_1, b_2)
@@ -162,7 +177,7 @@ def settle_pair(dm, c, side, b_1, b_2):
 
 @compiled
 def turned_pair(dm, c, u, u_1, u_2):
-    """Return the slips of two ends, axial and lateral, to which (u, u_i) turn by their accelerations.
+    """Return the slips u, u_1, u_2 (see `rates_of_pair`) to which the given slips turn as their accelerations go on.
 
     Only the ratios of the returned numbers have a meaning.
     """

@@ -166,11 +166,11 @@ def ruling_slip(dm, modes, y):
 
 @compiled(inline=True)
 def time_per_xi(step, v, force):
-    """Return the time per xi at a slip speed v, with `force` the sum of the normal forces.
+    """Return the time per xi at a slip speed v [s]; `force` is the sum F of the normal forces.
 
-    Near a jam the time per xi goes with 1 / F, and stays finite where the force vanishes. For that, the product of
-    force and compliance is added to F, in units of the force at the start: this product is about the force without
-    friction.
+    It is v / gamma. Near a jam, with a compliance c below TIGHT at the start of the step, it is multiplied by (1 + c) /
+    (F / F_0 + c), with F_0 the force at the start. So it goes with 1 / F where the force grows. Where the force
+    vanishes it stays finite, by c: c F_0 is about the force without friction.
     """
     share, start = v / step.gamma, step.p.b.start.F
     more = start[forces.COMPLIANCE]
@@ -277,9 +277,9 @@ def set_turns(p, j):
 
 @compiled
 def turn_slopes(step, j):
-    """Write the derivatives of the slopes at node j with respect to the turns into b.J; return the number of turns.
+    """Compute the derivatives of the slopes at node j by the turns of the slips; return the number of turns.
 
-    They are forward differences.
+    They are forward differences, and are written into rows of b.J, one row for each turn.
     """
     p, b, probe = step.p, step.p.b, step.p.b.probe
     y, f = b.nodes[j], b.K[j]
@@ -301,7 +301,12 @@ def turn_slopes(step, j):
 
 @compiled(fuse=True)
 def newton_matrix(h, m, b):
-    """Write the factors of 1 - h A dq'/dq over the turns q at all nodes into b.LU; return False if it is singular."""
+    """Factor the matrix of Newton's rule for an implicit step of size h; return False if the matrix is singular.
+
+    Its unknowns q are the turns of the slips at all nodes, m at each (`set_turns`); the other entries of the state are
+    not stiff, and left out. The matrix is 1 - h A dq'/dq, with the table A of Radau IIA and the differences dq'/dq of
+    `turn_slopes`. The factors are written into b.LU, the exchanged rows into b.pivots.
+    """
     for j in range(NODES):
         for p in range(j * m, (j + 1) * m):
             turn = b.B[p]

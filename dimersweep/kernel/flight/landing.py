@@ -60,9 +60,10 @@ def safe_step(c0, c1, c2, c3, bound4, span):
 
 @compiled
 def out_of_reach(dm, fl, i, t, gap, rate):
-    """Return the time over which end i is too high to land, however the axis swings; 0.0 if it is within reach.
+    """Return a time [s] within which end i is too high to land, however the axis swings; 0.0 if it is within reach.
 
-    Without its swing of amplitude h |c| the gap has a curvature of at least -(g + plate).
+    The swing of the axis lowers the end by its amplitude h |c| at most. The gap less the swing falls with the greatest
+    weight (`heaviest`) at most.
     """
     sx, cx = sincos(fl.Omega * t)
     h = fl.h_1 if i == 0 else fl.h_2

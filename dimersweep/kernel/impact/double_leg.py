@@ -387,12 +387,16 @@ def value_on_cubic(leg, share):
 
 @compiled(inline=True)
 def probe_step(leg, t):
-    """Take the step up to t, or carry the last probe on (or back) to t by the midpoint rule, where that is near.
+    """Compute the state at t within a step, in the clock of the leg, and judge the event functions there.
+
+    `out` becomes the state at t. A step from the start up to t leads there. Where t is near the last probe, one step of
+    the midpoint rule leads there from that probe instead, forward or back.
 
     Returns
     -------
     g, event, verdict : float, int, int
-        The least event function at t and its event; PROBE_FOUND, PROBE_LOOK_ON or PROBE_REFUSED.
+        The least event function at t, and its number. PROBE_FOUND if it is zero to the tolerance, else PROBE_LOOK_ON;
+        PROBE_REFUSED if the error of the step exceeds the tolerance.
     """
     out, way = leg.b.out, t - leg.bracket[0].at
     if abs(way) <= min(leg.stride.near, CARRIED * t):

@@ -250,7 +250,7 @@ class Sway(NamedTuple):
 
 @compiled(inline=True)
 def sway_from(dm, phase):
-    """Return the sway of the plate from a phase on; the higher harmonics are written into `dm`, until the next call."""
+    """Return the sway of the plate from a phase on; its higher harmonics are written into `dm` until the next call."""
     s, c = sincos(phase)
     if dm.n_z > 1:
         sway_higher(dm, s, c)
@@ -259,7 +259,10 @@ def sway_from(dm, phase):
 
 @compiled
 def sway_higher(dm, s1, c1):
-    """Write A sin, A cos of the angles of the higher harmonics, from the sine and the cosine of the phase."""
+    """Write the heights of the higher harmonics at a phase of the plate into `dm`, with sine s1 and cosine c1 of it.
+
+    They are written as A_k sin (`sway_s`) and A_k cos (`sway_c`) of the angle k phase + phi_k of harmonic k [m].
+    """
     s, c = s1, c1
     for j in range(1, dm.n_z):
         s, c = next_multiple(s, c, s1, c1)
@@ -320,9 +323,10 @@ def over_plate(dm, sway, t, over):
 
 @compiled
 def start_later(row, by):
-    """Move the phase of the plate at the start on by an angle [rad], in a parameter row in place.
+    """Add the angle `by` [rad] to the phase of the plate at the start, in a parameter row, in place.
 
-    The motion of the plate along itself counts from that phase, so its phases in `row` stay.
+    Harmonic k of the plate's height moves on by k times the angle. The phases of the motion along the plate stay: they
+    count from the phase of the plate.
     """
     for j in range(HARMONICS):
         row[ROW_PHI0 + 2 * j] += (j + 1.0) * by

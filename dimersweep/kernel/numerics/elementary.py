@@ -223,7 +223,10 @@ FUNCTIONS = ("sin x", "cos x", "exp x", "log |x|", "|x|^|y|", "atan2(y, x)")
 
 @exported
 def fill_functions(x, y, out):
-    """Write all `FUNCTIONS` of finite numbers into the rows of `out`, shape (n, 6); some have no meaning at 0."""
+    """Compute all `FUNCTIONS` at x[k], y[k], and write them into row k of `out`, one column for each function.
+
+    `x` and `y` are finite and have the shape (n,), `out` has the shape (n, 6). log |x| has no meaning at x = 0.
+    """
     for k in range(x.size):
         out[k, 0], out[k, 1] = sincos(x[k])
         out[k, 2], out[k, 3] = exp(x[k]), log(abs(x[k]))

@@ -62,7 +62,7 @@ def share(past, span, p, i):
     """Return the share of the last `span` periods that end i is down, in [0, 1].
 
     The part of a long flight within these periods counts as not down. A flight under way at their end counts as long if
-    a flight was under way a period p of the motion before, too; it always does if p is 0.
+    a flight was under way a period p of the motion before, too. Without a period, p = 0, it always counts as long.
     """
     row, old = past.strobes[strobe(past, 0)], past.strobes[strobe(past, span)]
     goes_on = past.strobes[strobe(past, p)].off[i] >= 0.0
