@@ -18,7 +18,8 @@ from dimersweep.symbols import BASE, PARAMETERS
 
 # relative distance within which a value is that of a point: units that are converted leave round-off of some 1e-16
 AS_GIVEN = 1e-12
-VALLEY = 5  # points on each side of a minimum that the spline goes through
+# points on each side of a minimum that the spline goes through: two or three are left of them in the coarser grids
+VALLEY = 5
 
 
 def edges_of(values: np.ndarray, lowest: float = -np.inf, highest: float = np.inf) -> np.ndarray:
@@ -81,9 +82,11 @@ def _middles(values: np.ndarray) -> np.ndarray:
 
 def is_geometric(values: np.ndarray) -> bool:
     """Return True if three or more values of an axis are in a fixed ratio rather than at a fixed distance."""
+    # two values are in a fixed ratio and at a fixed distance
     if values.size < 3 or values.min() <= 0:
         return False
     ratios, steps = np.diff(np.log(values)), np.diff(values)
+    # 1e-6: far above round-off, though differences of like values enlarge it
     return bool(np.ptp(ratios) < 1e-6 * abs(ratios.mean()) and np.ptp(steps) > 1e-6 * abs(steps.mean()))
 
 

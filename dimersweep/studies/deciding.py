@@ -75,6 +75,7 @@ class Question:
 
         The index is -1 if no run alone decided: all were needed.
         """
+        # runs stop at the first mode that decides (`until`), so that only the last one can have decided
         last, unclear = modes[-1], np.isin(modes, OPEN).any()
         if self.ask == "fraction":
             return (A_UNSURE if unclear else A_YES), (0 if self.values.size == 1 else -1)

@@ -192,6 +192,7 @@ def _checksum(function: Any, caller: CodeType, *told: Any) -> str:
     call = inspect.unwrap(vars(function).get("__call__", function) if isinstance(function, type) else function)
     code = getattr(call, "__code__", caller)
     told = (_text_of(caller), _text_of(code), code.co_firstlineno, *told)
+    # 16 digits, or 64 bits: no two texts share them by chance
     return "text " + hashlib.sha256(json.dumps(told, default=np.ndarray.tolist).encode()).hexdigest()[:16]
 
 

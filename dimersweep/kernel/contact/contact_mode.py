@@ -55,6 +55,7 @@ def single_mode(dm, c, i, lost):
     if not slips:
         put_slip(dm, modes, y, i, 0.0, 0.0)
     take_rates(dm, c)
+    # the order of trial decides where several modes fit: stick, then free, then slip (see above)
     if not slips and is_compressive(dm, c, i):
         # with next to no force the hold is a ratio of two roundings: the end sticks
         faint = c.F[F1 + 3 * i] <= NO_FORCE * dm.m * dm.g
@@ -97,6 +98,7 @@ def force_later(dm, c, i):
     """
     y = c.y
     dip, w_b, w_p, spin, u_a, u_b, theta = y[Y.dip], y[Y.w_b], y[Y.w_p], y[Y.spin], y[Y.u_a], y[Y.u_b], y[Y.theta]
+    # half of the time to rest: at rest the direction of the slip, and of its friction, would be lost
     t = min(MOMENT / dm.omega, 0.5 * coordinates.slip_limit(dm, c.modes, y, c.dy))
     for k in range(Y.time):
         y[k] += t * c.dy[k]
@@ -113,6 +115,7 @@ def is_driven_in(dm, c, i):
     """Return True if end i, the leading one, would move into the plate without a contact force and without slip."""
     modes, y = c.modes, c.y
     u_a, u_b = y[Y.u_a], y[Y.u_b]
+    # a slip of zero has no direction, and so no friction: its force is the one that holds off the drive alone
     y[Y.u_a], y[Y.u_b] = 0.0, 0.0
     modes[0], modes[1] = FREE, FREE
     modes[i] = SLIP
@@ -170,6 +173,7 @@ def start_slips(dm, c):
         return
     # minus: against the lateral force that held
     b_1, b_2 = -copysign(small, F[L1]), -copysign(small, F[L2])
+    # one end alone first: its slip may relieve the other end
     if not over_1 or not over_2:
         modes[0], modes[1] = SLIP if over_1 else STICK, SLIP if over_2 else STICK
         put_slips(dm, c.y, 0.0, b_1 if over_1 else 0.0, b_2 if over_2 else 0.0)
@@ -184,6 +188,7 @@ def slip_together(dm, c, b_1, b_2):
     """Let both ends slip out of rest, near the direction of the accelerations that lateral slips b_1, b_2 give them."""
     c.modes[0], c.modes[1] = SLIP, SLIP
     a, a_1, a_2 = slip_onset.rates_of_pair(dm, c, 0.0, b_1, b_2)
+    # directions of a pair are ratios to the axial slip: without an axial acceleration the slips stay as they are set
     if abs(a) > AT_LIMIT * max(abs(a_1), abs(a_2)):
         pair_onset(dm, c, copysign(1.0, a), a_1 / a, a_2 / a)
 
@@ -230,6 +235,7 @@ def start_slip(dm, c, i):
     if slip_onset.slip_onset(dm, c, i, hold_a, hold_b):
         return True
     a, b = slip_onset.rates_of_slip(dm, c, i, -small * hold_a / hold, -small * hold_b / hold)
+    # the slip points against the hold: a product with it above zero is a deceleration, which would end the slip at once
     return a * hold_a + b * hold_b <= AT_LIMIT * dm.g * hold
 
 
@@ -265,6 +271,7 @@ def contact_mode(dm, c, closed_1, closed_2, event):
     else:
         answer = mode_of_pair(dm, c, event)
         if answer == CLOSED:
+            # where p2 alone stays closed, y now has the slip of p2
             u_b -= leading(c.modes) * apart_sideways(dm, w_p, y[Y.spin])
     if answer == CLOSED:
         r, h = extent(dm)
@@ -282,6 +289,7 @@ def mode_of_pair(dm, c, event):
     held = c.modes[0] == STICK and c.modes[1] == STICK
     on_1, on_2 = is_compressive(dm, c, 0), is_compressive(dm, c, 1)
     if on_1 and on_2 and is_lift_off(event) and not comes_back(dm, c, end_of(event)):
+        # the end whose force has just vanished is off, and the other one on
         on_1, on_2 = end_of(event) == 1, end_of(event) == 0
     stays = 0 if on_1 else 1
     # the compliance comes first: where it is negative, the signs of both forces are turned round

@@ -138,6 +138,7 @@ def least_value(p, at, values):
 def arm_events(p, values):
     """Arm event functions of the ends that have become positive at the start of a step; fill `values` with them."""
     y, F = p.b.start.y, p.b.start.F
+    # the border of the chart and a jam are armed by the phase itself
     root_bracket.arm(noted_value, ContactEvents(p.dm, p.modes, p.slip_tol, y, y, F, values), p.b.armed, LANDING + 1)
 
 
@@ -251,6 +252,7 @@ def hidden_dip(p, h):
         return 1.0
     # errors of a cubic by Hermite (h^4 / 384), and of a parabola through thirds of the step (their cubic term: h / 24)
     doubt = turn * turn * turn * turn / 384.0 + turn / 24.0
+    # values[0] and values[3] have the functions at the ends of the step: these are its thirds
     for k in range(1, 3):
         look_on_cubic(p, k / 3.0, h, True)
         least_value(p, b.probe, values[k])
@@ -258,6 +260,7 @@ def hidden_dip(p, h):
     for k in range(N_CONTACT_EVENTS):
         if b.armed[k] == 0.0 or is_slip_end(k) or k == LEAVES_CHART or values[3, k] <= 0.0:
             continue
+        # the lower of the inner points: the parabola through it and its neighbours has its bottom `shift` thirds further
         q = 1 if values[1, k] <= values[2, k] else 2
         low = values[q, k]
         left, right = values[q - 1, k] - low, values[q + 1, k] - low

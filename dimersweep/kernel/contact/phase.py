@@ -95,6 +95,7 @@ def sustain_in_chart(p, y):
     for k in range(events.N_CONTACT_EVENTS):
         b.armed[k] = 0.0
     if p.modes[0] == FREE or p.modes[1] == FREE:
+        # armed at once: an end that has just left has a dip of zero, and would not be armed by it
         b.armed[LANDING], b.armed[events.LEAVES_CHART] = 1.0, 1.0
     events.arm_events(p, b.values[0])
     least_value(p, b.start, b.values[0])
@@ -137,10 +138,13 @@ def step_on(p):
     factor = step_factor(error)
     if c.cut:
         return end_cut_step(p, error)
+    # not <= 1: a step whose error is nan fails, too. A step in xi must not lead past the span: its length in time is
+    # known only now
     if not error <= 1.0 or (c.method == RESCALED and out.y[Y.time] > p.span - c.time):
         # at most 0.8: else the next try might fail as well by a hair; an infinite error says nothing of the step that
         # will do
         return shorten(p, 0.3 if error == inf else min(factor, 0.8))
+    # a jam is looked for only where it may be near: its function costs nothing, but the search for its dips does
     b.armed[JAM] = 1.0 if min(start.F[COMPLIANCE], out.F[COMPLIANCE]) < TIGHT else 0.0
     b.values[0, JAM] = start.F[COMPLIANCE]
     least, event = least_value(p, out, b.values[3])
@@ -191,6 +195,8 @@ def end_slip_on_line(p):
         return GOES_ON
     (a, b), (d_a, d_b) = slip_of(p.dm, p.modes, y, i), slip_of(p.dm, p.modes, dy, i)
     v2 = a * a + b * b
+    # the slip v falls at the rate u . u' / v, and so for the time v^2 / -(u . u'); a slip that counts as none ends at
+    # once
     t = -v2 / (a * d_a + b * d_b) if v2 > p.slip_tol * p.slip_tol else 0.0
     ends = p.until == p.span or c.time + t <= p.until
     if not ends:
@@ -277,6 +283,7 @@ def landing_in_sight(p):
     # an end that has just left: the step is half of its hop at constant acceleration, 2 rate / -fall
     if gap == 0.0:
         return -rate / fall if rate > 0.0 and fall < 0.0 else inf
+    # gap + rate t + fall t^2 / 2 = 0, below with the root that needs no difference of numbers of like size
     disc = rate * rate - 2.0 * fall * gap
     if disc < 0.0 or (rate >= 0.0 and fall >= 0.0):
         return inf
@@ -304,7 +311,10 @@ def may_hide_event(p, least, event):
         return False
     if least > 0.0:
         part = events.hidden_dip(p, c.h)
+    # an end that left at the start of the step and has landed at its end: a bracket of the landing has to begin in the
+    # air, so that the step is halved until it ends there
     if part < 1.0 or (least <= 0.0 and event == LANDING and p.b.start.y[Y.dip] == 0.0):
+        # at most half: a step that is hardly shorter might hide the event as before
         c.h *= min(part, 0.5)
         return c.h > LEAST_STEP * p.dm.period
     return False
@@ -372,11 +382,13 @@ def accept_step(p, factor):
     go_to_end(p)
     c.time = p.span if c.last else c.time + dt
     pulled = without_force(p)
+    # a force that was never positive is not armed, so that no zero of it can be located: the end leaves here
     if pulled >= 0 and b.armed[events.LIFT_OFF + pulled] == 0.0:
         return events.LIFT_OFF + pulled
     copy(b.values[3], b.values[0], events.N_CONTACT_EVENTS)
     events.arm_events(p, b.values[0])
     if c.method == RESCALED:
+        # xi counts the turns of the slip, so that PHASE_TURNS bounds it
         c.xi, c.h = min(PHASE_TURNS, min(factor, RISE) * c.xi), 2.0 * dt
     else:
         c.h *= min(factor, RISE) if c.method == IMPLICIT else factor

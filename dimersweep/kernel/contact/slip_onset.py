@@ -58,6 +58,8 @@ def settle_near(dm, c, i, phi):
         beside, _ = set_out(dm, c, i, phi + SLANT)
         slope = (beside - across) / SLANT
         step = -across / slope if slope != 0.0 else 1.0
+        # beyond half a radian the slope at phi says nothing; and not <=, since a step that is nan is to end the search,
+        # too
         if not abs(step) <= 0.5:
             return False
         phi += step
@@ -166,6 +168,7 @@ def settle_pair(dm, c, side, b_1, b_2):
         s_11, s_21, s_12, s_22 = (s_11 - r_1) / d_1, (s_21 - r_2) / d_1, (s_12 - r_1) / d_2, (s_22 - r_2) / d_2
         det = s_11 * s_22 - s_12 * s_21
         step_1, step_2 = (s_12 * r_2 - s_22 * r_1) / det, (s_21 * r_1 - s_11 * r_2) / det
+        # a step that would double the tangent leaves the neighbourhood, where the slopes hold
         if not abs(step_1) <= 1.0 + abs(b_1) or not abs(step_2) <= 1.0 + abs(b_2):
             return False
         b_1, b_2 = b_1 + step_1, b_2 + step_2

@@ -287,6 +287,7 @@ def turn_slopes(step, j):
     m = set_turns(p, j)
     for i in range(m):
         turn = b.B[j * m + i]
+        # a change of w_p by v / l changes the slip of one end against the other by v
         size = SLIP_CHANGE * v * (1.0 - turn[2] + turn[2] / p.dm.l)
         copy(y, probe.y, N_CLOSED)
         probe.y[Y.u_a] += size * turn[0]
@@ -394,6 +395,7 @@ def implicit_step(step):
             copy(b.nodes[NODES - 1], b.out.y, n)
             b.out.y[Y.time] = h
             return implicit_error(h, 0, N_CLOSED, b)
+        # before the derivatives are renewed the changes may grow; afterwards growth means that Newton's rule diverges
         if not change < inf or (turn > RENEWED and change > before):
             return inf
         before = change

@@ -40,6 +40,7 @@ def flow(work, first, last, h):
     bend = 6.0 * (work / h - 0.5 * (first + last))
     slope = last - first + bend
     root = sqrt(slope * slope + 4.0 * bend * first)
+    # the root of the parabola inside the step, in the form that needs no difference of numbers of like size
     s = -2.0 * first / (slope + (root if slope > 0.0 else -root))
     turned = h * s * (first + s * (0.5 * slope - bend * s / 3.0))
     return abs(turned) + abs(work - turned)
@@ -56,6 +57,7 @@ def works_in_parts(p, h):
     for k in range(6):
         copy(step[k], kept[k], p.n)
     while parts < WORK_PARTS:
+        # twice as many parts each time: the change from half as many bounds the error
         parts *= 2
         sound = True
         for j in range(parts):

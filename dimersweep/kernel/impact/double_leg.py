@@ -50,7 +50,7 @@ from dimersweep.kernel.numerics.steps import DOP_STAGES, WIDTH, copy, explicit_s
 
 # a slip that hardly sets out takes thousands of steps, the smaller the tolerance the more
 MAX_LEG_STEPS = 1_000_000
-N_LEG_EVENTS = 8
+N_LEG_EVENTS = 8  # four kinds, each of p1 (even) and of p2 (odd); see `event_value`
 LEG_COST = 0.5  # work of a step, in hops of one end: as measured
 OUT_OF_LEG_STEPS, GOES_ON = -1, -2  # in place of an event
 # first step, over the tolerance to the power of 1/8 (errors go with the eighth power of a step)
@@ -215,6 +215,7 @@ def event_value(at, k):
     if k < 6:
         # all forces vanish where an impact ends: only their ratios decide
         f_1, f_2 = forces(dm, z, at.clock)
+        # without any force there is nothing to hold: 1.0 is a reserve
         return stick_reserve(dm, at.modes, i, z, f_1, f_2) / (f_1 + f_2) if f_1 + f_2 > 0.0 else 1.0
     if at.modes[i] == STICK or end(dm, i).mu_hit == 0.0:
         return inf
@@ -298,6 +299,7 @@ def begin_leg(leg, z, e):
         leg.b.scale[k] = leg.tol
     # 0.4 is 1 / (5/2): for Hertz's law the energy of that compression is about the tolerance
     s.faint = nearly_raised(leg.tol, 0.4)
+    # the compression swings with the root of the gain as its rate: a restitution is faster than a compression by 1 / e
     s.clock, s.longest = ruling_clock(leg.dm, z, leg.b.gains, s.faint), 1.0 / sqrt(max(leg.b.gains[0], leg.b.gains[1]))
     s.h = FIRST_LEG_STEP * eighth_root(leg.tol) * s.longest
     s.uncompressed, s.h_before, s.slow = z[ZX1] <= 0.0 and z[ZX2] <= 0.0, 0.0, 0
@@ -330,6 +332,7 @@ def step_on(leg, z):
     if not error <= 1.0:
         s.h *= factor
         return GOES_ON
+    # sizes and errors of steps in different clocks cannot be compared
     if s.h_before > 0.0 and s.clock == s.clock_before:
         factor = min(factor, foreseen(s.h, error, s.h_before, s.error_before))
     elif s.uncompressed:
@@ -422,6 +425,7 @@ def first_crossing(leg, event, least):
     s, bracket, smooth = leg.stride, leg.bracket[0], event < 6
     g_low, _ = least_value(leg, leg.b.start)
     s.near, guess, slope = 0.0, 0.0, 0.0
+    # the ends of slips (6 and 7) are not smooth: a slow slip turns faster than the cubic through a step can show
     if smooth:
         brisk = s.turning / s.pace if s.longest * s.pace > s.turning else s.longest
         s.near = NEAR_PROBE * nearly_raised(leg.tol, 1.0 / 3.0) * brisk

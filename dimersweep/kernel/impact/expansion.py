@@ -107,6 +107,7 @@ def step_reach(c, order, small):
     """Return the step over which the last terms of the expansions stay below `small`, well inside their convergence."""
     last, before = term(c, order), term(c, order - 1)
     h = nearly_raised(small / last, 1.0 / order) if last > 0.0 else inf
+    # the last term may vanish by chance, so the one before counts, too; 1e9 keeps its power finite
     if before * multiplied(min(h, 1e9), order - 1) > small:
         h = nearly_raised(small / before, 1.0 / (order - 1))
     return h
@@ -164,6 +165,7 @@ def first_zero(c, row, order, sign, h):
     if sign * end > 0.0:
         if sign * c[row, 1] >= 0.0 or sign * slope_end <= 0.0:
             return inf
+        # 60 halvings: down to round-off
         for _ in range(60):
             mid = 0.5 * (low + high)
             value, slope = at(c, row, order, mid)
@@ -187,6 +189,7 @@ def zero_between(c, row, order, sign, low, high, x):
     """
     if not low < x < high:
         x = high
+    # 100 is a bound: halvings alone end long before
     for _ in range(100):
         value, slope = at(c, row, order, x)
         low, high = (x, high) if sign * value > 0.0 else (low, x)

@@ -117,6 +117,7 @@ def is_loaded(d, i):
     It must be by more than the gap rate `left`, or the compression `least` that is worth as much.
     """
     X, n = d.z[ZX1 + i], d.z[ZN1 + i]
+    # the last case: an end of little compression that moves out still takes part, until it is out of compression
     return n < -d.left or d.least < X or (X > 0.0 and n > d.left)
 
 
@@ -292,6 +293,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
                 break
             if wanted:
                 works = (rest_work(d, 0), rest_work(d, 1)), (z[ZS1], z[ZS2])
+            # events 4 and 5: a hold is lost (`double_leg.event_value`)
             lost = 4 <= event < 6
             settle_event(d, event)
         else:
@@ -352,6 +354,8 @@ def settle_event(d, event):
     """
     z, compressing, i = d.z, d.compressing, event % 2
     j = 1 - i
+    # 0 and 1: a gap rate is zero; 2 and 3: an end is out of compression; 6 and 7: a slip is zero. 4 and 5 (a hold is
+    # lost) leave the state as it is
     if event < 2:
         if z[ZN1 + j] == z[ZN1 + i] and compressing[j] == compressing[i]:
             z[ZN1 + j] = 0.0
@@ -396,6 +400,7 @@ def turn(d, i):
     Its energy is lost where it is worth no more than the gap rate `left`.
     """
     d.compressing[i] = -d.compressing[i]
+    # the energy goes with X^(eta + 1), and its root, times e, is the gap rate that the rebound comes to
     if d.e[i] * raised(max(0.0, d.z[ZX1 + i]), 0.5 * (d.dm.eta + 1.0)) <= d.left:
         d.z[ZX1 + i] = 0.0
         d.compressing[i] = 1.0

@@ -98,6 +98,7 @@ def begin_blow(blow, n, a, b, E, n_j):
 @compiled(inline=True)
 def gain(law, blow):
     """Return the stored energy lost per normal work: 1 in compression, 1/e^2 in restitution."""
+    # 1e-300: with e = 0 a leg of restitution ends at once, but the quotient is formed
     return 1.0 if blow.compressing else 1.0 / max(law.e * law.e, 1e-300)
 
 
@@ -147,6 +148,7 @@ def swerve(law, c, v, b, P):
     w_v, (_, slope) = law.na * c - law.mu * law.aa, turning(law, c, 0.0)
     x, size, fade = w_v * P / v, 0.5 * b * b / v, 2.0 * slope + w_v
     left = max(0.0, 1.0 + x)  # share of v that is left; dies: share of s
+    # log(1 + x) / x, which is 1 to 5e-9 where x is below 1e-8, and would be a quotient of roundings there
     dies = exp(slope * P / v * (log(left) / x if abs(x) > 1e-8 else 1.0)) if left > 0.0 else 0.0
     S, S_1 = left * dies * dies - 1.0, left * left * dies * dies - 1.0
     return size * S / fade, size * (v * S_1 / (fade + w_v) - P) / fade, b * left * dies
@@ -211,6 +213,7 @@ def run_down(law, a, b, tol):
         shape += f
         first += (f + q * (2.0 * f_1 + q * f_2)) / (alpha + k)
         second += (d + q * (d_1 - q * (d_2 + q * d_3))) / (2.0 * alpha + k)
+        # a tenth: the terms to come fall off about as powers of CONVERGES, and add up to less than the tolerance
         if abs(f) + abs(f_1) + abs(d) + abs(d_1) <= 0.1 * tol:
             size = v / (shape * (1.0 - w * q) * (1.0 + q))
             return size * first / (-2.0 * m), c * size * size * second / (-2.0 * m)
@@ -268,6 +271,7 @@ def turning_leg(law, blow, tol, work):
     int
         LEG, OTHER, or IMPACT_STEPS, also where the meter of the scratch is over.
     """
+    # 1e-14: some tens of units of round-off, below which the slip is a difference of rounded numbers
     slip_end, lateral = max(tol, 1e-14 * length(blow.a, blow.b)), abs(blow.b) > tol
     P, A, B, S, c = 0.0, 0.0, 0.0, 0.0, work.rows
     for _ in range(MAX_SINGLE_STEPS):
@@ -298,6 +302,7 @@ def turning_leg(law, blow, tol, work):
         ended = xi == xi_n or xi == xi_E or xi == xi_j or stopped
         if ended or is_invariant(law, v, blow.a / v, blow.b / v, tol):
             if stopped:
+                # twice the slip that ends a leg: the next leg is not to end where it begins
                 turned = lateral and turns_away(law, blow.a / v)
                 blow.a, blow.b = copysign(2.0 * slip_end, law.na) if turned else 0.0, 0.0
             add(blow, P, A, B, S)

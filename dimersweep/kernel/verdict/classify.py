@@ -39,7 +39,9 @@ from dimersweep.kernel.verdict.track import track_of
 DOWN_LINE = 0.9
 TOGETHER = 0.15  # the two landings of a jump lie closer than this, in forcing periods
 FIT = 20  # double events in the fit of the slopes of an orbit
-SPAN = 12  # last periods, over which the shares of contact and the longest hops are taken
+# last periods, over which the shares of contact and the longest hops are taken: whole for a motion of 1, 2, 3, 4, 6 or
+# 12 periods, and made whole for others (`whole`)
+SPAN = 12
 STAYS = 3.0  # periods for which both ends have been down, from which on they stay down
 # change of the numbers (relative, or in radians, cycles or periods) that a stopped run leaves out at most: somewhat
 # less than the 1e-3 that is promised
@@ -163,6 +165,7 @@ def landing_pattern(dm, past, span):
         if row.long == 0.0:
             continue
         total += 1
+        # -1.0: no landing has been counted yet
         turns += 1 if later_end >= 0.0 and row.end != later_end else 0
         later_end = row.end
         # a landing of the other end at nearly the same time: it can only be the landing before this one, or after it
@@ -257,6 +260,7 @@ def change_ahead(dm, past, left):
     mode, p = mode_of(dm, past)
     if p == 0 or left == 0:
         return 0.0
+    # relative to the spin, or to g/omega where the spin is below that: a spin near zero has no relative change
     pace = abs(spin_drift(past, p)) / max(abs(past.strobes[strobe(past, 0)].spin), 1.0)
     span = whole(p, SETTLED_PERIODS)
     for i in range(2):

@@ -39,7 +39,7 @@ BURST = 0.05  # forcing periods within which impacts are one double event
 # slip, in g/omega, above which an end counts as slipping at the end of a double impact
 SLIP_LINE = 1e-7
 
-RING = 64
+RING = 64  # entries of a ring: more than the 55 periods that `settling` looks back
 N_NORMAL = 4
 # shape of a past in a file: rows for itself, its runs and the track, and for the three rings
 PAST_SHAPE = (3 + 3 * RING, 24)
@@ -137,6 +137,7 @@ def begin_past(past):
 def note_contact_modes(dm, past, state, modes):
     """Note the ends that slip or are off the plate from now on."""
     for i in range(2):
+        # -1.0: the period under way does not count, and its end brings the number to zero
         if modes[i] == SLIP:
             past.held = -1.0
         if modes[i] == FREE:

@@ -126,6 +126,8 @@ def end_turn(track, way, step):
     track.u_x, track.u_y = centre_velocity(way, step)
     if track.cusp != 0.0:
         track.kind = TRACK.cusps
+    # without waves the velocity turns by a whole turn, as the heading does, and with waves by none: half a turn lies
+    # between
     elif track.length > 0.0 and abs(way.heading - track.bend) > pi:
         track.kind = TRACK.waves
     else:
