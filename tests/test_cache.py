@@ -17,7 +17,7 @@ import pytest
 import dimersweep
 from dimersweep import cli, parameters, plots
 from dimersweep.kernel import batch
-from dimersweep.kernel.compiler import cache, versions, ways
+from dimersweep.kernel.compiler import cache, pipelines, versions
 from dimersweep.kernel.compiler.jit import exported
 from dimersweep.studies import deciding
 from dimersweep.work import progress, tiles
@@ -75,7 +75,8 @@ def run_python(code, tree=PACKAGE.parent, **environment):
 def versions_of(tree=PACKAGE.parent, **environment):
     """The version of the code and that of the results, in a process of its own."""
     program = (
-        f"from {ways.__name__} import versions, way; print(versions.code_version(way()), versions.kernel_version())"
+        f"from {pipelines.__name__} import versions, pipeline; "
+        "print(versions.code_version(pipeline()), versions.kernel_version())"
     )
     return run_python(program, tree, **environment).split()
 
@@ -135,7 +136,7 @@ def test_another_processor_changes_the_code_alone(name):
 
 
 def test_the_versions_tell_target_and_packages():
-    told = versions.compiler(ways.FAST)
+    told = versions.compiler(pipelines.FAST)
     assert {"numba", "llvmlite", "numpy", "python", "target"} <= set(told)
     assert "libc" not in told  # the kernel has elementary functions of its own
     assert told["numba"] == version("numba") and told["llvmlite"] == version("llvmlite")
@@ -174,8 +175,8 @@ def untouched(tmp_path_factory):
 def twice(copy, first="pass", **environment):
     """Value of the small program, and the file of its code, in a process of its own."""
     program = (
-        f"{first}; from dimersweep.kernel.room.above import twice; from {ways.__name__} import cache, versions, way; "
-        "print(twice(), cache.files(versions.code_version(way()))[0])"
+        f"{first}; from dimersweep.kernel.room.above import twice; from {pipelines.__name__} import cache, versions, pipeline; "
+        "print(twice(), cache.files(versions.code_version(pipeline()))[0])"
     )
     value, place = run_python(program, copy, **environment).split()
     return int(value), Path(place)
@@ -338,7 +339,7 @@ def test_a_chosen_folder_is_the_base_and_a_child_process_shares_it(tmp_path, mon
     assert cache.base_folders() == [tmp_path / "dimersweep", tmp_path / "tmp" / f"dimersweep-{os.getuid()}"]
     printed = run_python(f"from {cache.__name__} import base_folders; print(*base_folders(), sep='\\n')")
     assert printed.split() == [str(folder) for folder in cache.base_folders()]
-    assert not ways.is_compiled()
+    assert not pipelines.is_compiled()
 
 
 @pytest.mark.jit
@@ -478,6 +479,6 @@ def test_a_long_compilation_is_told_until_it_is_done(monkeypatch, capsys):
 
 
 def test_nothing_is_compiled_with_the_jit_off(tmp_path):
-    program = f"from {ways.__name__} import is_compiled; print(is_compiled())"
+    program = f"from {pipelines.__name__} import is_compiled; print(is_compiled())"
     assert run_python(program, NUMBA_CACHE_DIR=str(tmp_path), NUMBA_DISABLE_JIT="1") == "True\n"
     assert run_python(program, NUMBA_CACHE_DIR=str(tmp_path), TMPDIR=str(tmp_path), NUMBA_DISABLE_JIT=None) == "False\n"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dimersweep import simulate
-from dimersweep.kernel.compiler.ways import PYTHON, way
+from dimersweep.kernel.compiler.pipelines import PYTHON, pipeline
 from dimersweep.kernel.model.layout import N_OUT
 from dimersweep.kernel.record import new_record, rows_of
 from dimersweep.runs.recorded import EVENT
@@ -29,7 +29,7 @@ def test_this_machine_gives_the_bits_of_all_others(program):
     """Of 720 runs of all kinds; also without the compiler, which takes too long for more than a few."""
     _, promised = program.read(program.PROMISE)
     assert len(promised) == 720
-    compiled = way() != PYTHON
+    compiled = pipeline() != PYTHON
     found = dict(program.runs() if compiled else program.runs(720, first=FEW))
     assert len(found) == (720 if compiled else FEW)
     assert {name: line for name, line in found.items() if promised[name] != line} == {}

@@ -113,7 +113,7 @@ def states() -> Iterator[tuple[str, str]]:
 def maps() -> Iterator[tuple[str, str]]:
     """Yield what a forcing period makes of the states in which runs near the base case end."""
     from dimersweep.cubes.cube import blank
-    from dimersweep.kernel.batch import N_START, ask_for, run_rows
+    from dimersweep.kernel.batch import N_START, run_request, run_rows
     from dimersweep.kernel.course import new_workspace
     from dimersweep.kernel.record import no_record
     from dimersweep.runs.period_map import Section
@@ -121,7 +121,7 @@ def maps() -> Iterator[tuple[str, str]]:
 
     for k, row in enumerate(rows_of(2, MAPS, SEED, "near")):
         space, (out, codes) = new_workspace(), blank(1)
-        run_rows(row[None], np.zeros((0, N_START)), ask_for(60, RTOL), 0, out, codes, space, no_record())
+        run_rows(row[None], np.zeros((0, N_START)), run_request(60, RTOL), 0, out, codes, space, no_record())
         section = Section(row, RTOL)
         points, modes = [section.point(space.state)], space.modes.copy()
         for _ in range(2):
@@ -140,10 +140,10 @@ KINDS: dict[str, Callable[[], Iterator[tuple[str, str]]]] = {
 
 def machine() -> str:
     """Return the processor, and what makes code for it."""
+    from dimersweep.kernel.compiler.pipelines import pipeline
     from dimersweep.kernel.compiler.versions import compiler
-    from dimersweep.kernel.compiler.ways import way
 
-    made = compiler(way())
+    made = compiler(pipeline())
     versions = ", ".join(f"{name} {made[name]}" for name in ("python", "numba", "llvmlite", "numpy"))
     return (
         f"{platform.system()} {platform.machine()}, {versions}, {made['way']} way, code for {made['target'].split()[0]}"

@@ -51,7 +51,7 @@ STRETCH, STRETCH_FOR, TWIN_SHIFT, SEPARATED = 24, 200, 1e-6, 1e-2
 
 
 @exported
-def run_rows(rows, starts, ask, until, out, codes, space, record):
+def run_rows(rows, starts, request, until, out, codes, space, record):
     """Make runs one after the other, each to its verdict; record the last of them where the record has rows.
 
     Parameters
@@ -61,7 +61,7 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
     starts : float64 array, shape (n, N_START)
         States and friction modes to start from, each at the start of a forcing period, in place of the starts in
         `rows`; without rows, those count. Where its periods are not 0 a run goes on, with the past in the workspace.
-    ask : Ask
+    request : RunRequest
         Request for each run; its periods include those before the start.
     until : int
         Set of modes, as a sum of 2**mode: the first run with one of them is the last run made. A run that is stopped
@@ -88,17 +88,18 @@ def run_rows(rows, starts, ask, until, out, codes, space, record):
         set_dimer(rows[k], dm)
         begin_run(dm, rows[k], starts, k, run)
         # where the heading counts, the verdict on the track needs the path
-        path = ask.path or dm.sideways != 0.0
-        run_to_verdict(dm, RunRequest(ask.periods, ask.rtol, ask.close, ask.settle, path), run, record, outcome, code)
+        path = request.path or dm.sideways != 0.0
+        whole = RunRequest(request.periods, request.rtol, request.close, request.settle, path)
+        run_to_verdict(dm, whole, run, record, outcome, code)
         status = OK
-        if code.mode == M_UNRESOLVED and ask.periods >= EVIDENCE:
+        if code.mode == M_UNRESOLVED and request.periods >= EVIDENCE:
             twin = motion_of(space.twin_state, space.twin_modes, space.later_past, space)
-            status, apart = follow_with_twin(dm, ask, run, later, twin, kept)
+            status, apart = follow_with_twin(dm, request, run, later, twin, kept)
             if apart:
                 code.mode = M_APERIODIC
         elif code.mode == M_DRIFT:
             copy(rows[k], space.row, N_ROW)
-            status = note_path(dm, ask, run, later, space, kept, outcome)
+            status = note_path(dm, request, run, later, space, kept, outcome)
         if status == STOPPED:
             note_failure(status, outcome, code)
         keep_one_nan(out[k])
@@ -131,12 +132,12 @@ def begin_run(dm, row, starts, k, run):
 
 
 @compiled
-def run_to_verdict(dm, ask, run, record, out, codes):
+def run_to_verdict(dm, request, run, record, out, codes):
     """Make a run from its start to its verdict; fill its outcome."""
     clear_counts(record.counts)
-    status, at_rest = evolve(dm, ask, run, record)
+    status, at_rest = evolve(dm, request, run, record)
     codes.status, codes.n_events, codes.n_periods = status, record.counts[EVENT_COUNT], int(run.state[PERIOD])
-    verdict(dm, run.state, run.past[0], at_rest, ask.periods - codes.n_periods, codes, out)
+    verdict(dm, run.state, run.past[0], at_rest, request.periods - codes.n_periods, codes, out)
     # the mode is one of BOTH_DOWN: for `in` Numba would compile functions of its own
     if codes.mode == M_REST or codes.mode == M_ROLLS or codes.mode == M_SLIDES:
         out.orbit[V_SPEED] = length(run.state[CA], run.state[CB])
@@ -152,7 +153,7 @@ def note_failure(status, out, codes):
 
 
 @compiled
-def follow_with_twin(dm, ask, run, later, twin, record):
+def follow_with_twin(dm, request, run, later, twin, record):
     """Continue a run that has not settled, once as `later` and once as its `twin`, until both have come apart.
 
     The plate phase of the twin is shifted at the start. Both go on in stretches. The run itself stays as it ended. Both
@@ -171,8 +172,8 @@ def follow_with_twin(dm, ask, run, later, twin, record):
         copy(run.modes, motion.modes, 2)
     twin.state[PHASE] = TWIN_SHIFT
     begun = int(run.state[PERIOD])
-    for stretch in range(max(1, ask.periods // STRETCH_FOR)):
-        further = RunRequest(begun + STRETCH * (stretch + 1), ask.rtol, ask.close, False, ask.path)
+    for stretch in range(max(1, request.periods // STRETCH_FOR)):
+        further = RunRequest(begun + STRETCH * (stretch + 1), request.rtol, request.close, False, request.path)
         for which in range(2):
             status, _ = evolve(dm, further, later if which == 0 else twin, record)
             if status != OK:
@@ -184,7 +185,7 @@ def follow_with_twin(dm, ask, run, later, twin, record):
     return OK, False
 
 
-def ask_for(periods, rtol, settle=False, path=False) -> RunRequest:
+def run_request(periods, rtol, settle=False, path=False) -> RunRequest:
     """Return the request for a run, in the types that the compiled code expects."""
     return RunRequest(int(periods), float(rtol), float(rtol), bool(settle), bool(path))
 
@@ -204,14 +205,14 @@ def run_many(rows, periods, rtol, settle, out, codes, until=0, space: Workspace 
 
     See ``run_rows``. Without `space` it has scratch arrays of its own.
     """
-    ask, nowhere = ask_for(periods, rtol, settle), np.zeros((0, N_START))
-    return run_rows(rows, nowhere, ask, until, out, codes, space or new_workspace(), no_record())
+    request, nowhere = run_request(periods, rtol, settle), np.zeros((0, N_START))
+    return run_rows(rows, nowhere, request, until, out, codes, space or new_workspace(), no_record())
 
 
-def run_recorded(row, ask, out, codes, record, space: Workspace | None = None, start=None) -> None:
+def run_recorded(row, request, out, codes, record, space: Workspace | None = None, start=None) -> None:
     """Make one run with its record; see ``run_rows``.
 
     The end of the run and its past stand in the workspace, if one is passed.
     """
     starts = np.zeros((0, N_START)) if start is None else start
-    run_rows(row[None], starts, ask, 0, out, codes, space or new_workspace(), record)
+    run_rows(row[None], starts, request, 0, out, codes, space or new_workspace(), record)

@@ -31,7 +31,7 @@ CLOSE_COST = 4.0  # error that the close of a chatter may make, in tolerances
 # sum of the errors of the events of a period, in tolerances for each event
 SPREAD = 0.03
 # number of hops of one end over which the other end stays off the plate if it has no part in the rattle
-ALONE = 20.0
+OTHER_OFF_HOPS = 20.0
 NOTHING = -1.0  # time of hops where no hops are summed, or may be summed
 # separation speed, in g/omega, below which round-off rules the hops; and share of energy that round-off may give
 FLOOR = 1e-13
@@ -79,7 +79,7 @@ def lands_slowly(dm, state, rate):
     most = heaviest(dm)
     for j in range(2):
         fast = state[N1 + j] * state[N1 + j] + 2.0 * most * state[D1 + j] > rate * rate
-        if fast and not stays_open(dm, state, j, ALONE * rate / dm.g):
+        if fast and not stays_open(dm, state, j, OTHER_OFF_HOPS * rate / dm.g):
             return False
     return True
 

@@ -46,13 +46,13 @@ TURNED = 1e-9
 
 
 @compiled
-def evolve(dm, ask, motion, record):
+def evolve(dm, request, motion, record):
     """Run from a state to the end of the last forcing period asked for, or until its verdict is known.
 
     Parameters
     ----------
     dm : Dimer
-    ask : Ask
+    request : RunRequest
     motion : Motion
         Modified in place.
     record : Record
@@ -64,28 +64,28 @@ def evolve(dm, ask, motion, record):
         OK or the status of a run that could not go on; True if the dimer rests for good.
     """
     begin_course(motion.course[0], coded(motion.modes[0], motion.modes[1]), layout.C_START, record.counts[EVENT_COUNT])
-    set_bound(motion.meter, BUDGET + BUDGET_PER_PERIOD * ask.periods)
+    set_bound(motion.meter, BUDGET + BUDGET_PER_PERIOD * request.periods)
     tally = motion.work.course[0].tally
     tally.wanted = record.book.ends.shape[0] > 0
-    while going_on(ask, motion):
-        if approaches(motion.state) and not resolve_impact(dm, ask, motion, record):
+    while going_on(request, motion):
+        if approaches(motion.state) and not resolve_impact(dm, request, motion, record):
             break
-        if motion.course[0].pending and not choose_contact(dm, ask, motion, record):
+        if motion.course[0].pending and not choose_contact(dm, request, motion, record):
             continue
-        event = smooth_motion.move_to_next_event(dm, ask, motion)
+        event = smooth_motion.move_to_next_event(dm, request, motion)
         if tally.wanted:
             phase = record.counts[SEGMENT_ROWS] - 1
             keep_phase(record.book, phase, motion.state, motion.modes, motion.contact, motion.work)
-        follow_up(dm, ask, motion, record, event)
+        follow_up(dm, request, motion, record, event)
     tally.wanted = False
     return finish(dm, motion, record)
 
 
 @compiled(inline=True)
-def going_on(ask, motion):
+def going_on(request, motion):
     """Return True if the run is to go on; set its status where it cannot."""
     course = motion.course[0]
-    if course.status != OK or course.ended or motion.state[PERIOD] >= ask.periods:
+    if course.status != OK or course.ended or motion.state[PERIOD] >= request.periods:
         return False
     if is_over(motion.meter):
         course.status = why_over(motion.meter)
@@ -108,7 +108,7 @@ def approaches(state):
 
 
 @compiled(inline=True)
-def resolve_impact(dm, ask, motion, record):
+def resolve_impact(dm, request, motion, record):
     """Resolve the impact of the closed ends that approach, and close a chatter that is as good as over.
 
     Return True if the run goes on.
@@ -117,7 +117,7 @@ def resolve_impact(dm, ask, motion, record):
     record.counts[EVENT_COUNT] += 1
     energy = kinetic(dm, state)
     past.fastest = max(past.fastest, sqrt(2.0 * energy * dm.im))
-    course.status = noted_impact(dm, ask, motion, record)
+    course.status = noted_impact(dm, request, motion, record)
     if course.status != OK:
         return False
     course.pending, course.event, course.cause, course.contact_before = True, NO_EVENT, layout.C_IMPACT, 0.0
@@ -125,8 +125,8 @@ def resolve_impact(dm, ask, motion, record):
         copy(state, motion.before, layout.N_STATE)
     hops = record.counts[EVENT_COUNT] - course.period_events
     charge_pair(motion)
-    course.slip_tol = no_slip(dm, state, ask.rtol)
-    course.hop_time = come_to_rest(dm, contact_of(dm, motion), state, ask.close, hops, energy)
+    course.slip_tol = no_slip(dm, state, request.rtol)
+    course.hop_time = come_to_rest(dm, contact_of(dm, motion), state, request.close, hops, energy)
     if course.hop_time >= 0.0:
         course.cause = layout.C_CHATTER_END
         if motion.work.course[0].tally.wanted:
@@ -135,7 +135,7 @@ def resolve_impact(dm, ask, motion, record):
 
 
 @compiled(inline=True)
-def noted_impact(dm, ask, motion, record):
+def noted_impact(dm, request, motion, record):
     """Resolve an impact and note all that is kept of it; return its status.
 
     These are the landings, the double event and the rows of the record.
@@ -143,7 +143,7 @@ def noted_impact(dm, ask, motion, record):
     state, past, course = motion.state, motion.past[0], motion.course[0]
     double = state[D1] == 0.0 and state[D2] == 0.0
     end, begins = note_landings(dm, past, state)
-    status, rows = collide(dm, state, motion.modes, ask.rtol, past.fastest, motion.work, record.log)
+    status, rows = collide(dm, state, motion.modes, request.rtol, past.fastest, motion.work, record.log)
     note_impact(dm, state, past, double, end, begins)
     # an impact that is not over has no rows
     if status == OK:
@@ -189,14 +189,14 @@ def force_impact(dm, state):
 
 
 @compiled(inline=True)
-def choose_contact(dm, ask, motion, record):
+def choose_contact(dm, request, motion, record):
     """Choose the contact of the ends at rest on the plate, and note the smooth phase that begins with it.
 
     Return True if the run moves on. It does not where an impact without collision has to come first, or where the
     record is full.
     """
     state, modes, course = motion.state, motion.modes, motion.course[0]
-    course.slip_tol = no_slip(dm, state, ask.rtol)
+    course.slip_tol = no_slip(dm, state, request.rtol)
     charge_pair(motion)
     if smooth_motion.find_contact(dm, contact_of(dm, motion), state, course.event) == INCONSISTENT:
         course.forced += 1
@@ -228,13 +228,13 @@ def charge_pair(motion):
 
 
 @compiled(inline=True)
-def follow_up(dm, ask, motion, record, event):
+def follow_up(dm, request, motion, record, event):
     """Follow an event up: it leads to an impact, the next forcing period, a new contact, or nothing."""
     course = motion.course[0]
     if events.is_failure(event):
         course.status = layout.CONTACT_STEPS if event == events.OUT_OF_STEPS else layout.ROOT_STEPS
     elif event == NO_EVENT:
-        end_period(dm, ask, motion, record)
+        end_period(dm, request, motion, record)
     else:
         record.counts[EVENT_COUNT] += 1
         # at a jam the force of a slip grows beyond all bounds: an impact without collision follows
@@ -249,12 +249,12 @@ def follow_up(dm, ask, motion, record, event):
                 course.cause = (
                     layout.C_STICK
                     if events.is_slip_end(event)
-                    else (layout.C_SLIP if events.is_hold_lost(event) else layout.C_LIFT_OFF)
+                    else (layout.C_SLIP if events.is_hold_end(event) else layout.C_LIFT_OFF)
                 )
 
 
 @compiled(inline=True)
-def end_period(dm, ask, motion, record):
+def end_period(dm, request, motion, record):
     """End a forcing period: note a strobe of the motion, and end the run if its verdict is known."""
     state, modes, course = motion.state, motion.modes, motion.course[0]
     state[PHASE] = 0.0
@@ -267,10 +267,10 @@ def end_period(dm, ask, motion, record):
     course.contact_is_set = modes[0] != layout.FREE or modes[1] != layout.FREE
     # the slip in the row of the segment is that of the contact state: it is set before the row is written
     if course.contact_is_set:
-        smooth_motion.resume_contact(dm, motion, ask.rtol)
+        smooth_motion.resume_contact(dm, motion, request.rtol)
     note_segment(record, motion, 0.0)
-    if ask.settle and (
-        rests_for_good(dm, motion) or stays_as_it_is(dm, motion.past[0], ask.periods - int(state[PERIOD]))
+    if request.settle and (
+        rests_for_good(dm, motion) or stays_as_it_is(dm, motion.past[0], request.periods - int(state[PERIOD]))
     ):
         course.ended = True
 

@@ -20,7 +20,7 @@ ARCS = 4  # parts of a forcing period: with these the radius of the base case's 
 
 
 @compiled
-def note_path(dm, ask, run, later, space, record, out):
+def note_path(dm, request, run, later, space, record, out):
     """Write radius and speed of the mean path of a drift into its outcome.
 
     They are taken from the forcing period that follows the run. The period is cut in ARCS parts. Their chords are
@@ -56,7 +56,7 @@ def note_path(dm, ask, run, later, space, record, out):
     for k in range(ARCS):
         state[PHASE], state[PERIOD] = TWO_PI - part, 0.0
         set_dimer(space.row, moved)
-        status, _ = evolve(moved, RunRequest(1, ask.rtol, ask.close, False, True), later, record)
+        status, _ = evolve(moved, RunRequest(1, request.rtol, request.close, False, True), later, record)
         if status != OK:
             return status
         start_later(space.row, part)
@@ -68,8 +68,8 @@ def note_path(dm, ask, run, later, space, record, out):
     turn = state[THETA] - heading
     s, _ = sincos(0.5 * turn / ARCS)
     # the factor is that of an arc over its chord
-    way = length(along, across) * (0.5 * turn / ARCS / s if s != 0.0 else 1.0)
-    out.path_speed = way / dm.period
+    path_length = length(along, across) * (0.5 * turn / ARCS / s if s != 0.0 else 1.0)
+    out.path_speed = path_length / dm.period
     if turn != 0.0:
-        out.path_radius = way / abs(turn)
+        out.path_radius = path_length / abs(turn)
     return OK

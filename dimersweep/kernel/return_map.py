@@ -18,7 +18,7 @@ OTHER_CONTACT = -1
 
 
 @compiled
-def move_on(dm, state, modes, ask, space, record):
+def move_on(dm, state, modes, request, space, record):
     """Move a state on as `advance` does, with the dimer already set; return the status.
 
     Rows are added to the record, and nothing is read off it.
@@ -26,11 +26,11 @@ def move_on(dm, state, modes, ask, space, record):
     motion = motion_of(state, modes, space.past, space)
     begin_past(motion.past[0])
     state[PERIOD] = 0.0
-    return evolve(dm, ask, motion, record)[0]
+    return evolve(dm, request, motion, record)[0]
 
 
 @exported
-def advance(row, state, modes, ask, space, record, reading):
+def advance(row, state, modes, request, space, record, reading):
     """Move a state on to the end of a forcing period, over a number of such ends, with a record if one is wanted.
 
     Parameters
@@ -41,7 +41,7 @@ def advance(row, state, modes, ask, space, record, reading):
         Modified in place; its periods count from zero. From phase zero on these are whole forcing periods.
     modes : float64 array, shape (2,)
         Friction modes of the ends, chosen anew from the state; those at the end are filled in.
-    ask : Ask
+    request : RunRequest
         Request for the periods.
     space : Workspace
         Scratch.
@@ -57,14 +57,14 @@ def advance(row, state, modes, ask, space, record, reading):
     """
     set_dimer(row, space.dimer[0])
     clear_counts(record.counts)
-    status = move_on(space.dimer[0], state, modes, ask, space, record)
+    status = move_on(space.dimer[0], state, modes, request, space, record)
     if status == OK:
         read_passage(space.dimer[0], state, record, 0, 0, 0, space.later_state, reading)
     return status
 
 
 @exported
-def images(row, units, points, free, section, modes, ask, chained, space, record, reading, found):
+def images(row, units, points, free, section, modes, request, chained, space, record, reading, found):
     """Find the images of points of a section after the same periods, one after the other.
 
     Parameters
@@ -82,7 +82,7 @@ def images(row, units, points, free, section, modes, ask, chained, space, record
         spin [rad/s], NaN if it is not put back.
     modes : float64 array, shape (2,)
         Friction modes of the ends at the section.
-    ask : Ask
+    request : RunRequest
         Request for the periods.
     chained : bool
         True if each point but the first is the image of the point before, filled in here.
@@ -109,7 +109,7 @@ def images(row, units, points, free, section, modes, ask, chained, space, record
     for k in range(points.shape[0]):
         if chained and k > 0:
             copy(found[k - 1], points[k], points.shape[1])
-        status = image(units, points[k], free, section, modes, ask, space, record, reading, k, found[k])
+        status = image(units, points[k], free, section, modes, request, space, record, reading, k, found[k])
         if status != OK:
             return status, k + 1
     return OK, points.shape[0]
@@ -125,7 +125,7 @@ def set_started(row, phase, later, dm):
 
 
 @compiled
-def image(units, z, free, section, modes, ask, space, record, reading, k, found):
+def image(units, z, free, section, modes, request, space, record, reading, k, found):
     """Find the k-th of the images, see `images`; return OK or a status without an image."""
     dm, state, reached, point = space.dimer[0], space.state, space.modes, space.twin_state[:N_POINT]
     for j in range(N_POINT):
@@ -136,12 +136,12 @@ def image(units, z, free, section, modes, ask, space, record, reading, k, found)
     if status != OK:
         return status
     set_state(dm, units, point, modes, state)
-    begin, fixed, before = ask, section[2] == section[2], 0.0
+    begin, fixed, before = request, section[2] == section[2], 0.0
     if fixed:
-        status, before = to_fixed_spin(units, section, ask, space, record, point)
+        status, before = to_fixed_spin(units, section, request, space, record, point)
         if status != OK:
             return status
-        begin = RunRequest(1, ask.rtol, ask.close, ask.settle, ask.path)
+        begin = RunRequest(1, request.rtol, request.close, request.settle, request.path)
     first_event, first_segment = record.counts[EVENT_ROWS], record.counts[SEGMENT_ROWS]
     reached[0], reached[1] = 0.0, 0.0
     status = move_on(dm, state, reached, begin, space, record)
@@ -159,15 +159,16 @@ def image(units, z, free, section, modes, ask, space, record, reading, k, found)
 
 
 @compiled
-def to_fixed_spin(units, section, ask, space, record, point):
+def to_fixed_spin(units, section, request, space, record, point):
     """Move the state of the workspace on from the section to where the spin is put back for the last time.
 
     That is in the last of the periods. Return the status, and the spin before it was put back. `point` is scratch.
     """
     state, reached, none = space.state, space.modes, without_rows(record)
     phase, back, spin = section[0], section[1], section[2]
-    since, before, period = (phase - back) % TWO_PI, 0.0, RunRequest(1, ask.rtol, ask.close, ask.settle, ask.path)
-    for k in range(ask.periods):
+    since, before = (phase - back) % TWO_PI, 0.0
+    period = RunRequest(1, request.rtol, request.close, request.settle, request.path)
+    for k in range(request.periods):
         state[PHASE] = since if k == 0 else 0.0
         reached[0], reached[1] = 0.0, 0.0
         status = move_on(space.later_dimer[0], state, reached, period, space, none)

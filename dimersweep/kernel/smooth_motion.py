@@ -58,7 +58,7 @@ def find_contact(dm, c, state, event):
 
 
 @compiled(inline=True)
-def move_to_next_event(dm, ask, motion):
+def move_to_next_event(dm, request, motion):
     """Move to the next event or to the end of the forcing period, whichever is first.
 
     Returns
@@ -70,12 +70,12 @@ def move_to_next_event(dm, ask, motion):
     course.contact_before = coded(modes[0], modes[1])
     free = modes[0] == FREE and modes[1] == FREE
     if free:
-        event = fly_to_landing(dm, motion, ask.path)
+        event = fly_to_landing(dm, motion, request.path)
     else:
         charge(motion.meter, CONTACT_COST)
         if not course.contact_is_set:
-            resume_contact(dm, motion, ask.rtol)
-        event = follow_contact(dm, ask, motion)
+            resume_contact(dm, motion, request.rtol)
+        event = follow_contact(dm, request, motion)
     course.contact_is_set = False
     return event
 
@@ -135,16 +135,16 @@ def clear_slip(dm, modes, y):
 
 
 @compiled(inline=True)
-def follow_contact(dm, ask, motion):
+def follow_contact(dm, request, motion):
     """Follow the contact phase to its next event, or to the end of the forcing period; return the event."""
     state, y, span = motion.state, motion.contact, (TWO_PI - motion.state[PHASE]) / dm.omega
     if motion.work.course[0].tally.wanted:
         # the tolerance of works is a share of the energy of the motion, and of a body that moves with the plate
         plate = 0.5 * dm.m * (dm.most_speed * dm.most_speed + dm.v_scale * dm.v_scale)
         energy = kinetic(dm, state) + plate
-        motion.work.control[0].doubt = max(FINER * ask.rtol, FINEST) * energy
+        motion.work.control[0].doubt = max(FINER * request.rtol, FINEST) * energy
         begin_phase(y, motion.work)
-    t, event = sustain_contact(dm, contact_of(dm, motion), span, span, ask.path, ask.rtol, motion.work)
+    t, event = sustain_contact(dm, contact_of(dm, motion), span, span, request.path, request.rtol, motion.work)
     if event == LANDING:
         y[Y.dip] = 0.0
     kernel_state(dm, motion.modes, y, state)

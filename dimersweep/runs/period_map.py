@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from dimersweep.kernel.batch import ask_for
+from dimersweep.kernel.batch import run_request
 from dimersweep.kernel.compiler.records import as_object
 from dimersweep.kernel.course import Workspace, new_workspace
 from dimersweep.kernel.model.body import dimer_of
@@ -73,7 +73,7 @@ class Section:
         state = np.array(State())
         return state, state_at(self.row, self.units, point, modes, self.space.dimer, state)
 
-    def held(self, state: np.ndarray, modes: np.ndarray) -> np.ndarray:
+    def with_ends_at_rest(self, state: np.ndarray, modes: np.ndarray) -> np.ndarray:
         """Set the ends that stick at rest in `state`, which is modified and returned."""
         state_at(self.row, self.units, _NO_POINT, modes, self.space.dimer, state)
         return state
@@ -87,7 +87,7 @@ class Section:
             If the kernel cannot go on.
         """
         modes = np.zeros(2)
-        status = advance(self.row, state, modes, ask_for(periods, self.rtol), self.space, no_record(), _NO_READING)
+        status = advance(self.row, state, modes, run_request(periods, self.rtol), self.space, no_record(), _NO_READING)
         if status != OK:
             raise RuntimeError(STATUS_MESSAGES[status])
         return self.point(state), modes

@@ -8,7 +8,7 @@ import numpy as np
 from dimersweep.cubes.cube import blank
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_count, check_rtol, check_switch
-from dimersweep.kernel.batch import N_START, Workspace, ask_for, run_many, run_recorded
+from dimersweep.kernel.batch import N_START, Workspace, run_many, run_recorded, run_request
 from dimersweep.kernel.energy import Book
 from dimersweep.kernel.model.event_row import E_CAUSE
 from dimersweep.kernel.model.layout import (
@@ -190,7 +190,7 @@ def run_row(
     def run(periods: int, kept: Record) -> Record:
         if past is not None:
             space.past.view(np.float64)[:] = past.ravel()
-        run_recorded(row, ask_for(periods, how.rtol, how.stop_when_settled, record), out, codes, kept, space, start)
+        run_recorded(row, run_request(periods, how.rtol, how.stop_when_settled, record), out, codes, kept, space, start)
         return kept
 
     for periods in how.lengths():
@@ -241,10 +241,10 @@ def with_works(record: RunRecord, space: Workspace) -> tuple[RunRecord, Book]:
     """
     events, segments = record.events, record.segments
     ended = len(events) > 0 and not record.cut and events[-1, E_CAUSE] == C_END
-    ask = ask_for(segments[-1, PERIOD] + (not ended), record.rtol, path=True)
+    request = run_request(segments[-1, PERIOD] + (not ended), record.rtol, path=True)
     start = segments[:1, : N_STATE + 2] if record.start is None else record.start
     kept = new_record(max(len(events), len(segments)), works=True)
-    run_recorded(record.row, ask, *blank(1), kept, space, start)
+    run_recorded(record.row, request, *blank(1), kept, space, start)
     events, segments = (rows[: len(of)] for rows, of in zip(rows_of(kept), (events, segments), strict=True))
     return record._replace(events=events, segments=segments), kept.book
 

@@ -95,7 +95,7 @@ class Tangents:
             cb=u * ct + v * st,
             theta=theta,
         )
-        return self.section.held(np.array(state), modes)
+        return self.section.with_ends_at_rest(np.array(state), modes)
 
     def after(self, state: np.ndarray) -> np.ndarray:
         """Return the place one forcing period after a kernel state."""
@@ -106,8 +106,8 @@ class Tangents:
     def basis(self, place: np.ndarray, modes: np.ndarray) -> np.ndarray:
         """Return orthogonal changes of a place that span the changes that contact leaves free, shape (n, 10)."""
         step = 1e-4
-        ways = [[self.place(self.state(place + by * d, modes)) for by in (step, -step)] for d in np.eye(N_PLACE)]
-        changes = np.array([ahead - back for ahead, back in ways]).T
+        sides = [[self.place(self.state(place + by * d, modes)) for by in (step, -step)] for d in np.eye(N_PLACE)]
+        changes = np.array([ahead - back for ahead, back in sides]).T
         _, _, found = np.linalg.svd(_less_turn(changes, place).T)
         return found[: len(free_coordinates(modes))]
 

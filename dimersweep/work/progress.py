@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.table import Column
 
-from dimersweep.kernel.compiler.ways import FAST, PLAIN, is_compiled, way
+from dimersweep.kernel.compiler.pipelines import FAST, PLAIN, is_compiled, pipeline
 
 # time between two lines of text, and between two updates of the bar in a notebook
 LINE_SECONDS, BAR_SECONDS = 10.0, 0.2
@@ -143,7 +143,7 @@ def notebook_bar() -> Callable[[Tally], None] | None:
 def report_compiling() -> None:
     """Print on stderr that the kernel is compiled, if it has to be, and now and then how long that has taken."""
     if not is_compiled():
-        print(f"compiling the kernel: {COMPILE_TIMES[way()]}, once for each version", file=sys.stderr, flush=True)
+        print(f"compiling the kernel: {COMPILE_TIMES[pipeline()]}, once for each version", file=sys.stderr, flush=True)
         threading.Thread(target=_report_seconds, daemon=True).start()
 
 

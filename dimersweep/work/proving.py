@@ -20,8 +20,8 @@ from dimersweep.cubes.cube import blank
 from dimersweep.errors import KernelError
 from dimersweep.kernel.batch import run_many
 from dimersweep.kernel.compiler.cache import warn
+from dimersweep.kernel.compiler.pipelines import PYTHON, pipeline
 from dimersweep.kernel.compiler.versions import compiler
-from dimersweep.kernel.compiler.ways import PYTHON, way
 from dimersweep.kernel.model.layout import CODE_MODE, MODES, V_RADIUS
 from dimersweep.kernel.numerics.elementary import functions
 from dimersweep.parameters import Parameters
@@ -57,7 +57,7 @@ def prove() -> None:
 
 def _prove() -> None:
     try:
-        wrong = [told for each in zip(SCENES, *outcomes(), strict=False) if (told := _difference(*each))]
+        wrong = [line for each in zip(SCENES, *outcomes(), strict=False) if (line := _difference(*each))]
         if bits_of(functions(ARGUMENTS)) != KNOWN["functions"]:
             wrong.append("gives other last digits of elementary functions")
     except Exception as error:  # of any kind: from the compiler, its cache or the machine
@@ -76,7 +76,9 @@ def outcomes() -> tuple[np.ndarray, np.ndarray]:
 
     Without the JIT it is the first scene only.
     """
-    scenes = SCENES[:1] if way() == PYTHON else SCENES  # Python takes seconds for a scene, and has no compiler to prove
+    scenes = (
+        SCENES[:1] if pipeline() == PYTHON else SCENES
+    )  # Python takes seconds for a scene, and has no compiler to prove
     rows = np.array([Parameters(**scene["parameters"]).row() for scene in scenes])
     out, codes = blank(len(rows))
     run_many(rows, PROOF_PERIODS, PROOF_RTOL, True, out, codes)
@@ -101,7 +103,7 @@ def machine() -> str:
     """Return the name of the processor, and the versions that make code of the kernel for it."""
     from llvmlite import binding
 
-    made = compiler(way())
+    made = compiler(pipeline())
     packages = ", ".join(f"{name} {made[name]}" for name in ("python", "numba", "llvmlite", "numpy"))
     code = f"{packages}, compiled the {made['way']} way for {made['target']}"
     return f"{platform.machine()} ({binding.get_host_cpu_name()}) with {code}"

@@ -9,7 +9,7 @@ import time
 from contextlib import suppress
 
 from dimersweep.errors import KernelError, one_line
-from dimersweep.kernel.compiler import cache, versions, ways
+from dimersweep.kernel.compiler import cache, pipelines, versions
 from dimersweep.storage.locking import locked
 from dimersweep.work.progress import report_compiling
 from dimersweep.work.proving import is_proven, prove
@@ -36,7 +36,10 @@ def get_ready(*, progress: bool = True) -> None:
 
 def _is_warm() -> bool:
     """Return True if the code of the whole kernel is in the cache, or none is needed."""
-    return ways.way() == ways.PYTHON or cache.load(versions.code_version(ways.way()), WARM) is not None
+    return (
+        pipelines.pipeline() == pipelines.PYTHON
+        or cache.load(versions.code_version(pipelines.pipeline()), WARM) is not None
+    )
 
 
 def _warm() -> None:
@@ -65,9 +68,9 @@ def _compile() -> None:
     done = subprocess.run([sys.executable, "-c", COMPILE], capture_output=True, text=True, check=False)
     if done.returncode < 0:
         raise KernelError(f"kernel: the process that compiles it was ended by signal {-done.returncode}; {MEMORY}")
-    ways.take(ways.first_way())  # the other process may have noted that the fast way fails
+    pipelines.take(pipelines.first_pipeline())  # the other process may have noted that the fast way fails
     if done.returncode == 0:
-        cache.save(versions.code_version(ways.way()), WARM, b"")
+        cache.save(versions.code_version(pipelines.pipeline()), WARM, b"")
     else:  # this process meets the same error and raises it, or compiles without the cache
         why = one_line(done.stderr.strip().rpartition("\n")[2])
         print(f"kernel: compiled in this process, after {why}", file=sys.stderr)

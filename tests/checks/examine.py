@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dimersweep.kernel.batch import ask_for, run_recorded
+from dimersweep.kernel.batch import run_recorded, run_request
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model import layout
 from dimersweep.kernel.model.body import dimer_of
@@ -55,7 +55,7 @@ STRICT = 1e-11  # accuracy of the run that shows whether energy comes from nothi
 def attempt(row, periods, rtol, rows):
     """Status, number of events, event rows and segments of one run, at most `rows` of each; and whether these are all."""
     codes, kept = np.zeros((1, N_CODES), np.int64), new_record(rows, LOG_ROWS)
-    run_recorded(row, ask_for(periods, rtol, path=True), np.zeros((1, N_OUT)), codes, kept)
+    run_recorded(row, run_request(periods, rtol, path=True), np.zeros((1, N_OUT)), codes, kept)
     fits = codes[0, CODE["status"]] != layout.RECORD_FULL and not was_full(kept)
     status, n_events = layout.STATUSES[codes[0, CODE["status"]]], int(codes[0, CODE["n_events"]])
     return (status, n_events, *rows_of(kept)), fits

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from dimersweep import names, simulate
 from dimersweep.kernel.contact.contact_mode import CLOSED, INCONSISTENT, SEPARATES
 from dimersweep.kernel.contact.coordinates import N_CLOSED, N_PATH, N_Y, UPRIGHT, Y
-from dimersweep.kernel.contact.events import HOLD_LOST, JAM, LANDING, LIFT_OFF, NO_EVENT, SLIP_END
+from dimersweep.kernel.contact.events import HOLD_END, JAM, LANDING, LIFT_OFF, NO_EVENT, SLIP_END
 from dimersweep.kernel.contact.forces import A1, COMPLIANCE, F1, F2, L1, L2, N_F
 from dimersweep.kernel.contact.slip_onset import PAIR_SPEED
 from dimersweep.kernel.model import layout
@@ -287,7 +287,7 @@ def test_a_hold_just_lost_turns_into_slip_when_both_coefficients_agree(k):
     state = closed_state(rough, (STICK, FREE), np.random.default_rng(4))
     _, _, _, _, F = chosen(rough, state, (True, False))
     mu = hypot(F[A1], F[L1]) / F[F1] * (1 + k * 1e-15)
-    answer, found, *_ = chosen(dimer(mu=mu, mu_s=mu), state, (True, False), event=HOLD_LOST)
+    answer, found, *_ = chosen(dimer(mu=mu, mu_s=mu), state, (True, False), event=HOLD_END)
     assert (answer, found) == (CLOSED, (SLIP, FREE))
 
 
@@ -337,7 +337,7 @@ def test_two_ends_at_their_limits_set_out_against_what_held_them(seed, rougher):
     scene, state, F, mu = held_pair(seed, rougher)
     assert min(abs(F[L1]), abs(F[L2]), abs(F[A1])) > 1e-2 * mu * (F[F1] + F[F2])
     dm = dimer(mu_1=mu, mu_s_1=mu, mu_2=rougher * mu, mu_s_2=rougher * mu, **scene)
-    answer, found, _, dy, slipping = chosen(dm, state, (True, True), event=HOLD_LOST)
+    answer, found, _, dy, slipping = chosen(dm, state, (True, True), event=HOLD_END)
     assert (answer, found) == (CLOSED, (SLIP, SLIP))
     assert slipping[A1] == pytest.approx(F[A1], rel=1e-6)
     assert slipping[[L1, L2]] == pytest.approx(F[[L1, L2]], rel=1e-6)
@@ -354,7 +354,7 @@ def test_the_end_whose_lateral_hold_ends_slips_alone(seed, end, k):
     limit[end] = abs(F[[L1, L2]][end]) / F[[F1, F2]][end] * (1 + k * 1e-15)
     dm = dimer(mu=0.0, **scene)
     dm.p1.mu_h, dm.p2.mu_h = limit
-    answer, found, y, *_ = chosen(dm, state, (True, True), event=HOLD_LOST)
+    answer, found, y, *_ = chosen(dm, state, (True, True), event=HOLD_END)
     assert (answer, found) == (CLOSED, (SLIP, STICK) if end == 0 else (STICK, SLIP))
     slip = slip_at_contact(dm, y, end)
     assert slip[0] == 0.0 and slip[1] * F[[L1, L2]][end] < 0.0
@@ -532,7 +532,7 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
     seen = {
         LANDING: ({"Gamma": 0.2}, (STICK, FREE), {DIP: 0.05, CA: 0.0}),
         SLIP_END: ({"mu": 0.5, "mu_s": 0.9, "Gamma": 0.0}, (SLIP, SLIP), {CA: 0.05}),
-        HOLD_LOST: ({"mu_s": 0.195, "mu": 0.1, "Gamma": 0.0}, (STICK, FREE), {DIP: 1.2}),
+        HOLD_END: ({"mu_s": 0.195, "mu": 0.1, "Gamma": 0.0}, (STICK, FREE), {DIP: 1.2}),
         LIFT_OFF: ({"Gamma": 1.5, "mu": 0.5}, (STICK, STICK), {}),
     }
     for event, (params, modes, start) in seen.items():
@@ -553,7 +553,7 @@ def test_events_of_a_phase_are_where_their_functions_vanish():
         value = {
             LANDING: y[Y.dip],
             SLIP_END: hypot(y[Y.u_a], y[Y.u_b]),
-            HOLD_LOST: verbs.hold_reserve(dm, codes, 0, F) / (dm.m * dm.g),
+            HOLD_END: verbs.hold_reserve(dm, codes, 0, F) / (dm.m * dm.g),
             LIFT_OFF: min(F[F1], F[F2]) / (dm.m * dm.g),
         }[event]
         assert value == pytest.approx(0, abs=1e-12)

@@ -13,8 +13,8 @@ import dimersweep
 from dimersweep import orbits
 from dimersweep.kernel import batch, return_map, sample
 from dimersweep.kernel.compiler.cache import load
+from dimersweep.kernel.compiler.pipelines import FAST, pipeline
 from dimersweep.kernel.compiler.versions import code_version
-from dimersweep.kernel.compiler.ways import FAST, way
 from dimersweep.kernel.model import body
 from dimersweep.parameters import Parameters
 from dimersweep.runs.period_map import Section
@@ -124,7 +124,7 @@ def object_codes():
     for kernel in (batch.run_rows, sample.sample, return_map.advance, return_map.images, body.fill_dimer):
         assert kernel.dispatcher.overloads
         for signature in kernel.dispatcher.overloads:
-            parts = pickle.loads(load(code_version(way()), kernel.dispatcher._cache._name(signature)))
+            parts = pickle.loads(load(code_version(pipeline()), kernel.dispatcher._cache._name(signature)))
             yield kernel.__name__, next(part[2][0] for part in parts if isinstance(part, tuple) and "object" in part)
 
 
@@ -139,7 +139,9 @@ def test_compiled_code_calls_no_function_of_the_mathematical_library():
 
 
 @pytest.mark.jit
-@pytest.mark.skipif(sys.platform != "linux" or way() != FAST, reason="reads object files of Linux, linked the fast way")
+@pytest.mark.skipif(
+    sys.platform != "linux" or pipeline() != FAST, reason="reads object files of Linux, linked the fast way"
+)
 def test_functions_that_a_kernel_links_have_no_name():
     """The loader would take a function of one kernel for that of another, which has other arguments left."""
     function = 2

@@ -14,7 +14,7 @@ import pytest
 from dimersweep.kernel.batch import run_rows
 from dimersweep.kernel.compiler.fusing import NAME, fma, fused
 from dimersweep.kernel.compiler.jit import Part, compiled, exported
-from dimersweep.kernel.compiler.ways import PYTHON, way
+from dimersweep.kernel.compiler.pipelines import PYTHON, pipeline
 from dimersweep.work.proving import outcomes
 
 GIVEN = np.random.default_rng(4).uniform(-2.0, 2.0, (60, 5)).tolist()
@@ -173,7 +173,7 @@ def test_random_floats_are_the_same_in_both_arithmetics():
         assert of_numbers(a, b, c).hex() == fma(a, b, c).hex()
 
 
-@pytest.mark.skipif(way() == PYTHON, reason="nothing is compiled")
+@pytest.mark.skipif(pipeline() == PYTHON, reason="nothing is compiled")
 def test_sums_of_whole_numbers_alone_are_refused():
     """They would become floats; beside a float they are taken for such."""
     assert of_numbers(3, 4.0, 5) == of_numbers(3.0, 4, 5) == of_numbers(3, 4, 5.0) == 17.0
@@ -203,7 +203,7 @@ def test_names_and_lines_of_a_function_stay():
     assert NAME in written.__globals__ and not NAME.isidentifier()
 
 
-@pytest.mark.skipif(way() == PYTHON, reason="nothing is compiled")
+@pytest.mark.skipif(pipeline() == PYTHON, reason="nothing is compiled")
 def test_no_compiler_is_left_to_fuse():
     """Neither in the code of a function, nor in the linked code of a kernel, has an operation leave to round otherwise."""
     outcomes()

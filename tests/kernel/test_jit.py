@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from dimersweep.kernel.compiler.jit import compiled, exported
-from dimersweep.kernel.compiler.ways import FAST, PYTHON, way
+from dimersweep.kernel.compiler.pipelines import FAST, PYTHON, pipeline
 
-fast_only = pytest.mark.skipif(way() != FAST, reason="for the fast way of compiling")
+fast_only = pytest.mark.skipif(pipeline() != FAST, reason="for the fast way of compiling")
 
 
 @compiled
@@ -45,7 +45,7 @@ def test_parts_shared_by_several_kernels_are_linked_once_into_each():
     assert other_root(4.0) == 5.0
 
 
-@pytest.mark.skipif(way() == PYTHON, reason="it is a function of Python then")
+@pytest.mark.skipif(pipeline() == PYTHON, reason="it is a function of Python then")
 def test_python_cannot_call_a_part():
     root(4.0)
     with pytest.raises(TypeError, match=r"^leaf: called by compiled code only$"):

@@ -6,7 +6,7 @@ import pytest
 
 from dimersweep.cubes.cube import blank
 from dimersweep.kernel import event_loop
-from dimersweep.kernel.batch import ask_for, run_recorded
+from dimersweep.kernel.batch import run_recorded, run_request
 from dimersweep.kernel.model.layout import CODE_N_PERIODS, CODE_STATUS, PERIOD, STOPPED
 from dimersweep.kernel.record import new_record, rows_of
 from dimersweep.parameters import Parameters
@@ -24,7 +24,7 @@ def test_a_stop_cuts_the_record_where_a_smooth_phase_begins(scene, monkeypatch):
         monkeypatch.setattr(event_loop, "is_over", lambda meter: next(left, None) is None)
         monkeypatch.setattr(event_loop, "why_over", lambda meter: STOPPED)
         (out, codes), record = blank(1), new_record(500)
-        run_recorded(row, ask_for(1, 1e-6), out, codes, record)
+        run_recorded(row, run_request(1, 1e-6), out, codes, record)
         return record, codes[0]
 
     whole, codes = record_of(1000)

@@ -11,7 +11,7 @@ import numba
 import numpy as np
 import pytest
 
-from dimersweep.kernel.compiler.ways import FAST, PLAIN, first_way
+from dimersweep.kernel.compiler.pipelines import FAST, PLAIN, first_pipeline
 
 HERE = Path(__file__).parent
 
@@ -146,7 +146,7 @@ def told_way(monkeypatch, number, asked=None):
     else:
         monkeypatch.delenv("DIMERSWEEP_COMPILER", raising=False)
     monkeypatch.setattr(numba.config, "DISABLE_JIT", 0)
-    return first_way()
+    return first_pipeline()
 
 
 @pytest.mark.parametrize(

@@ -76,10 +76,10 @@ def outcome(hidden=None, failing=None, wrong=False):
         hide(*hidden)
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        from dimersweep.kernel.compiler import cache, versions, ways
+        from dimersweep.kernel.compiler import cache, pipelines, versions
         from tests.kernel import tiny
 
-        found = {"before": versions.code_version(ways.way()), "values": [tiny.simple(9.0)]}
+        found = {"before": versions.code_version(pipelines.pipeline()), "values": [tiny.simple(9.0)]}
         if failing:
             fail(failing)
         if wrong:
@@ -87,9 +87,14 @@ def outcome(hidden=None, failing=None, wrong=False):
                 map(refusal, (tiny.wrong, tiny.simple, tiny.root, tiny.leaf), ([4.0], ["x"], [], [4.0]))
             )
         found["values"] += [tiny.root(np.array([4.0, 0.0])), tiny.simple(9.0)]
-    code = {file.name: file.stat().st_ino for file in cache.files(versions.code_version(ways.way()), "[rs]*")}
+    code = {file.name: file.stat().st_ino for file in cache.files(versions.code_version(pipelines.pipeline()), "[rs]*")}
     lines = [str(each.message) for each in told if each.category is RuntimeWarning]
-    return found | {"way": ways.way(), "after": versions.code_version(ways.way()), "told": lines, "code": code}
+    return found | {
+        "way": pipelines.pipeline(),
+        "after": versions.code_version(pipelines.pipeline()),
+        "told": lines,
+        "code": code,
+    }
 
 
 def in_fork(folder, environment=(), **asked):

@@ -10,8 +10,8 @@ from time import thread_time
 import numpy as np
 
 from dimersweep.cubes.cube import blank
-from dimersweep.kernel.batch import ask_for, run_many, run_recorded
-from dimersweep.kernel.compiler.ways import way
+from dimersweep.kernel.batch import run_many, run_recorded, run_request
+from dimersweep.kernel.compiler.pipelines import pipeline
 from dimersweep.kernel.model.layout import CODES, N_STATE, PHASE, State
 from dimersweep.kernel.record import new_record, rows_of
 from dimersweep.parameters import Parameters
@@ -25,7 +25,7 @@ SCALE = State(*[1.0] * N_STATE)._replace(d1=0.01, d2=0.01, **SPEEDS, wb=10.0, wp
 def last_state(row, periods):
     """Kernel state at the end of some forcing periods, in its scales."""
     record = new_record(20_000)
-    run_recorded(row, ask_for(periods, RTOL, path=True), *blank(1), record)
+    run_recorded(row, run_request(periods, RTOL, path=True), *blank(1), record)
     _, segments = rows_of(record)
     state = segments[-1, :N_STATE]
     state[PHASE] = np.round(state[PHASE], 12)  # 0 or the end of the period
@@ -52,6 +52,6 @@ if __name__ == "__main__":
     if sys.argv[1:]:
         gc.disable()  # a compiler leaves little garbage, and looking for it takes a while
         codes, states = answers()
-        np.savez(sys.argv[1], codes=codes, states=states, way=way())
+        np.savez(sys.argv[1], codes=codes, states=states, way=pipeline())
     for _ in sys.stdin if not sys.argv[1:] else ():
         print(period_time(), flush=True)

@@ -1,1 +1,1 @@
-"""The compiler of the kernel: two ways to compile with Numba, fused sums, and the cache of compiled code."""
+"""The compiler of the kernel: two pipelines to compile with Numba, fused sums, and the cache of compiled code."""

@@ -135,8 +135,8 @@ class _Kept:
         self._sources, self._function, self._version = _folder_digest(folder), function, version
 
     def _name(self, signature: Any) -> str:
-        told = f"{self._function.__module__}.{self._function.__qualname__} {signature}"
-        return f"{self._function.__name__}-{hashlib.sha256(self._sources + told.encode()).hexdigest()[:16]}"
+        text = f"{self._function.__module__}.{self._function.__qualname__} {signature}"
+        return f"{self._function.__name__}-{hashlib.sha256(self._sources + text.encode()).hexdigest()[:16]}"
 
     def load_overload(self, signature: Any, context: Any) -> Any:
         """Return the compiled function for a signature from the cache, or None if it must be compiled."""

@@ -1,7 +1,7 @@
 """Compile the kernel: without the GIL, strict about floating point, and with its code saved for later processes.
 
-There are two ways. The plain way is ``numba.njit``, which works with every Numba. The fast way takes a fifth of its
-time, by private parts of Numba (``linking.py``), and may fail on any other Numba: then the plain way takes over in the
+There are two pipelines. The plain one is ``numba.njit``, which works with every Numba. The fast one takes a fifth of its
+time, by private parts of Numba (``linking.py``), and may fail on any other Numba: then the plain one takes over in the
 same process.
 """
 
@@ -17,8 +17,8 @@ from numba.extending import lower_builtin, lower_cast, typeof_impl
 
 from dimersweep.kernel.compiler.cache import kept
 from dimersweep.kernel.compiler.fusing import fused
+from dimersweep.kernel.compiler.pipelines import FAST, PLAIN, PYTHON, give_up, pipeline, requested_pipeline, take
 from dimersweep.kernel.compiler.versions import code_version
-from dimersweep.kernel.compiler.ways import FAST, PLAIN, PYTHON, asked_way, give_up, take, way
 
 # no fastmath: it would break the ordering of events and the meaning of nan, and let each compiler round as it likes
 # (see ``fusing.py``); error_model "numpy" spares a branch for each division (a kernel never raises)
@@ -30,14 +30,14 @@ _njit: Any = numba.njit
 # object with an attribute for each setting that this Numba knows
 _known: Any = getattr(getattr(_njit(lambda: None), "targetdescr", None), "options", None)
 _changing = threading.Lock()
-# errors for which the fast way is not to blame, but the machine, a signal, or the call
+# errors for which the fast pipeline is not to blame, but the machine, a signal, or the call
 _OF_OTHERS = (MemoryError, TimeoutError, numba.TypingError)
 
 
 class Part:
     """A device function: compiled into its callers, without an entry point from Python.
 
-    The way of compiling is looked up at the first compilation.
+    The pipeline is looked up at the first compilation.
     """
 
     def __init__(self, function: Callable[..., Any], lines: Sequence[str] = (), **settings: Any) -> None:
@@ -50,8 +50,8 @@ class Part:
 
     @property
     def dispatcher(self) -> Any:
-        """Numba's dispatcher of the function for the present way of compiling, made at the first use."""
-        chosen = way()
+        """Numba's dispatcher of the function for the present pipeline, made at the first use."""
+        chosen = pipeline()
         if chosen not in self._made:
             self._made[chosen] = self._make(chosen)
         return self._made[chosen]
@@ -81,17 +81,16 @@ class Kernel(Part):
     def __call__(self, *given: Any) -> Any:
         """Call the kernel, and return its result.
 
-        If it cannot be compiled the fast way, it is compiled the plain way, and so are all other kernels from now on.
-        If the plain way raises, too, the fault is in the call, the sources or the machine, and the way stays the fast
-        one.
+        If the fast pipeline cannot compile it, the plain one does, as it does all other kernels from now on. If the
+        plain one raises, too, the fault is in the call, the sources or the machine, and the fast pipeline stays.
         """
         try:
             return self.dispatcher(*given)
         except Exception as error:  # from compiling it: the kernel itself raises nothing
-            if asked_way() or isinstance(error, _OF_OTHERS):
+            if requested_pipeline() or isinstance(error, _OF_OTHERS):
                 raise
             with _changing:
-                if way() == FAST:  # else another thread has changed the way meanwhile
+                if pipeline() == FAST:  # else another thread has changed it meanwhile
                     take(PLAIN)
                     try:
                         found = self.dispatcher(*given)
@@ -105,7 +104,7 @@ class Kernel(Part):
 
 @typeof_impl.register(Part)
 def _type_of(function: Part, _: Any) -> Any:
-    """Return the type of a device function in compiled code: that of its dispatcher for the present way."""
+    """Return the type of a device function in compiled code: that of its dispatcher for the present pipeline."""
     return numba.typeof(function.dispatcher)
 
 
@@ -147,7 +146,7 @@ def _without_literals(function: Any) -> Any:
 
 def exported(function: Callable[..., Any]) -> Any:
     """Compile a kernel that Python calls."""
-    return function if way() == PYTHON else Kernel(function)
+    return function if pipeline() == PYTHON else Kernel(function)
 
 
 def plain(function: Any) -> Any:
@@ -171,7 +170,7 @@ def compiled(function: Callable[..., Any] | None = None, *, fuse: bool = False, 
         return functools.partial(compiled, fuse=fuse, inline=inline)
     # the lines are read at once, since the file may be edited before the function is compiled
     lines = linecache.getlines(function.__code__.co_filename) if fuse else []
-    if way() == PYTHON:
+    if pipeline() == PYTHON:
         return fused(function, lines) if fuse else function
     # forceinline is set for all: without it, Numba takes the setting of the first caller
     return Part(function, lines, forceinline=inline, no_cpython_wrapper=True)

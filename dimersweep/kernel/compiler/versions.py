@@ -85,24 +85,24 @@ def target(common: bool = True) -> tuple[str, str]:
     return str(config.CPU_NAME or binding.get_host_cpu_name()), features
 
 
-def compiler(way: str) -> dict[str, str]:
-    """Return versions, way, target and settings of the compiler of the kernel, by name; import Numba."""
+def compiler(pipeline: str) -> dict[str, str]:
+    """Return versions, pipeline, target and settings of the compiler of the kernel, by name; import Numba."""
     import llvmlite
     import numba
     import numpy as np
 
     parts = {module.__name__: module.__version__ for module in (numba, llvmlite, np)}
-    parts["way"] = way
+    parts["way"] = pipeline
     parts["python"] = f"{platform.python_implementation()} {platform.python_version()}"
-    parts["target"] = " ".join(target(common=way != "plain"))  # numba.njit makes code for the processor it runs on
+    parts["target"] = " ".join(target(common=pipeline != "plain"))  # numba.njit makes code for the processor it runs on
     return parts | {name: str(getattr(numba.config, name, None)) for name in SETTINGS}
 
 
 @cache
-def code_version(way: str) -> str:
-    """Return the version of code compiled this way, by the kernel's sources and the compiler: 16 hexadecimal digits."""
+def code_version(pipeline: str) -> str:
+    """Return the version of code from a pipeline, by the kernel's sources and the compiler: 16 hexadecimal digits."""
     kernel = {path: text for path, text in take_sources().items() if path.startswith("kernel/")}
-    return hashlib.sha256(digest_of(kernel) + str(compiler(way)).encode()).hexdigest()[:16]
+    return hashlib.sha256(digest_of(kernel) + str(compiler(pipeline)).encode()).hexdigest()[:16]
 
 
 @cache

@@ -10,7 +10,7 @@ from math import copysign
 from dimersweep.kernel.compiler.jit import compiled
 from dimersweep.kernel.contact import coordinates, slip_onset
 from dimersweep.kernel.contact.coordinates import Y, leading, put_slip, put_slips
-from dimersweep.kernel.contact.events import end_of, is_hold_lost, is_lift_off
+from dimersweep.kernel.contact.events import end_of, is_hold_end, is_lift_off
 from dimersweep.kernel.contact.forces import A1, A2, COMPLIANCE, F1, F2, L1, L2, contact_rates, hold_reserve, take_rates
 from dimersweep.kernel.contact.slip_onset import SINGLE_SPEED, pair_onset
 from dimersweep.kernel.model.body import apart_sideways, extent
@@ -34,7 +34,7 @@ AT_LIMIT = 1e-6
 
 
 @compiled
-def single_mode(dm, c, i, lost):
+def single_mode(dm, c, i, hold_ended):
     """Choose the mode of the one closed end i, and write it into c.modes and the slip that goes with it into c.y.
 
     The end sticks where friction can hold it. It leaves the plate where nothing drives it into the plate. Else it
@@ -44,8 +44,8 @@ def single_mode(dm, c, i, lost):
     force fits. Such a slip that nothing drives into the plate has a force that fits, too, but an unstable one: the end
     leaves (Champneys and Varkonyi, arXiv:1601.03545).
 
-    `lost` says that friction has just ceased to hold the end at rest. Return CLOSED, SEPARATES, or INCONSISTENT when no
-    force satisfies the law (Painleve: only an impact can follow).
+    `hold_ended` is True if friction has just ceased to hold the end at rest. Return CLOSED, SEPARATES, or INCONSISTENT
+    when no force satisfies the law (Painleve: only an impact can follow).
     """
     modes, y = c.modes, c.y
     modes[0], modes[1] = FREE, FREE
@@ -59,7 +59,7 @@ def single_mode(dm, c, i, lost):
     if not slips and is_compressive(dm, c, i):
         # with next to no force the hold is a ratio of two roundings: the end sticks
         faint = c.F[F1 + 3 * i] <= NO_FORCE * dm.m * dm.g
-        if faint or (not lost and hold_reserve(dm, modes, i, c.F) >= 0.0):
+        if faint or (not hold_ended and hold_reserve(dm, modes, i, c.F) >= 0.0):
             return CLOSED
     if not is_driven_in(dm, c, i):
         modes[i] = FREE
@@ -126,10 +126,10 @@ def is_driven_in(dm, c, i):
 
 
 @compiled
-def double_mode(dm, c, lost):
+def double_mode(dm, c, hold_ended):
     """Choose the friction modes of both ends on the plate; write the modes, their slips into c.y, and their forces.
 
-    `lost` says that friction has just ceased to hold an end at rest.
+    `hold_ended` is True if friction has just ceased to hold an end at rest.
     """
     modes, y = c.modes, c.y
     rest_1 = length(y[Y.u_a], y[Y.u_b]) <= c.slip_tol
@@ -141,11 +141,11 @@ def double_mode(dm, c, lost):
     if rest_2:
         put_slip(dm, modes, y, 1, 0.0, 0.0)
     take_rates(dm, c)
-    if (rest_1 or rest_2) and (lost or hold_reserve(dm, modes, 0 if rest_1 else 1, c.F) < 0.0):
+    if (rest_1 or rest_2) and (hold_ended or hold_reserve(dm, modes, 0 if rest_1 else 1, c.F) < 0.0):
         if rest_1 and rest_2:
             start_slips(dm, c)
         else:
-            start_beside(dm, c, 0 if rest_1 else 1)
+            start_second_slip(dm, c, 0 if rest_1 else 1)
     take_rates(dm, c)
 
 
@@ -194,7 +194,7 @@ def slip_together(dm, c, b_1, b_2):
 
 
 @compiled
-def start_beside(dm, c, i):
+def start_second_slip(dm, c, i):
     """Let end i begin to slip beside an end that slips already.
 
     The new slip may turn back the slip of the other end, where that is hardly more than none. Then both ends set out
@@ -267,7 +267,7 @@ def contact_mode(dm, c, closed_1, closed_2, event):
     y = c.y
     u_b, w_p = y[Y.u_b], y[Y.w_p]
     if not (closed_1 and closed_2):
-        answer = single_mode(dm, c, 0 if closed_1 else 1, is_hold_lost(event))
+        answer = single_mode(dm, c, 0 if closed_1 else 1, is_hold_end(event))
     else:
         answer = mode_of_pair(dm, c, event)
         if answer == CLOSED:
@@ -285,8 +285,8 @@ def contact_mode(dm, c, closed_1, closed_2, event):
 def mode_of_pair(dm, c, event):
     """Choose the modes of two ends on the plate, as `contact_mode` does; return CLOSED, SEPARATES or INCONSISTENT."""
     slip = c.y[Y.u_a], c.y[Y.u_b], c.y[Y.w_p]
-    double_mode(dm, c, is_hold_lost(event))
-    held = c.modes[0] == STICK and c.modes[1] == STICK
+    double_mode(dm, c, is_hold_end(event))
+    both_stick = c.modes[0] == STICK and c.modes[1] == STICK
     on_1, on_2 = is_compressive(dm, c, 0), is_compressive(dm, c, 1)
     if on_1 and on_2 and is_lift_off(event) and not comes_back(dm, c, end_of(event)):
         # the end whose force has just vanished is off, and the other one on
@@ -303,7 +303,7 @@ def mode_of_pair(dm, c, event):
         stays = 0
     answer = mode_of_one(dm, c, stays, slip)
     # the sign is 1 if p1 leads, else -1: beta' opens the gap of p2, and closes that of p1
-    if held and answer == CLOSED and (1.0 - 2.0 * leading(c.modes)) * c.dy[Y.w_b] * dm.l < -NO_FORCE * dm.g:
+    if both_stick and answer == CLOSED and (1.0 - 2.0 * leading(c.modes)) * c.dy[Y.w_b] * dm.l < -NO_FORCE * dm.g:
         # friction can hold both ends, but the force at one of them pulls; beside the other end alone it is driven in:
         # both slip
         lead_with(dm, c, 0, slip)

@@ -20,7 +20,7 @@ from dimersweep.kernel.numerics.steps import on_cubic
 
 # Events of a contact phase. A kind of event that an end has takes two numbers: the even one is p1's, the odd one p2's.
 # A phase evaluates one event function for each number.
-LIFT_OFF, HOLD_LOST, SLIP_END = 0, 2, 4
+LIFT_OFF, HOLD_END, SLIP_END = 0, 2, 4
 LANDING = 6  # the open end lands
 LEAVES_CHART = 7  # no event of the dimer: the state leaves its chart
 JAM = 8  # the force of a slip grows beyond all bounds (a dynamic jam)
@@ -52,13 +52,13 @@ def end_of(event):
 @compiled
 def is_lift_off(event):
     """Return True if the event is that a closed end leaves the plate."""
-    return LIFT_OFF <= event < HOLD_LOST
+    return LIFT_OFF <= event < HOLD_END
 
 
 @compiled
-def is_hold_lost(event):
+def is_hold_end(event):
     """Return True if the event is that friction can no longer hold a sticking end."""
-    return HOLD_LOST <= event < SLIP_END
+    return HOLD_END <= event < SLIP_END
 
 
 @compiled
@@ -106,7 +106,7 @@ def event_function(at, k):
         return inf
     if is_lift_off(k):
         return F[COMPLIANCE] * (F[F1] if i == 0 else F[F2]) / (dm.m * dm.g)
-    if is_hold_lost(k):
+    if is_hold_end(k):
         return hold_reserve(dm, modes, i, F) / (dm.m * dm.g) if modes[i] == STICK else inf
     if modes[i] != SLIP:
         return inf

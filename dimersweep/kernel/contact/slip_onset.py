@@ -55,8 +55,8 @@ def settle_near(dm, c, i, phi):
     """
     for _ in range(MAX_NEWTON):
         across, along = set_out(dm, c, i, phi)
-        beside, _ = set_out(dm, c, i, phi + SLANT)
-        slope = (beside - across) / SLANT
+        shifted, _ = set_out(dm, c, i, phi + SLANT)
+        slope = (shifted - across) / SLANT
         step = -across / slope if slope != 0.0 else 1.0
         # beyond half a radian the slope at phi says nothing; and not <=, since a step that is nan is to end the search,
         # too
@@ -104,9 +104,9 @@ def slip_onset(dm, c, i, hold_a, hold_b):
     """
     if hold_b == 0.0:
         for k in range(2):
-            way = 1.0 - 2.0 * k
-            a, b = rates_of_slip(dm, c, i, SINGLE_SPEED * c.slip_tol * way, 0.0)
-            if way * a > 0.0 and b == 0.0 and c.F[F1 + 3 * i] > 0.0:
+            sign = 1.0 - 2.0 * k
+            a, b = rates_of_slip(dm, c, i, SINGLE_SPEED * c.slip_tol * sign, 0.0)
+            if sign * a > 0.0 and b == 0.0 and c.F[F1 + 3 * i] > 0.0:
                 return True
     return settle_near(dm, c, i, atan2(-hold_b, -hold_a)) or settle_anywhere(dm, c, i)
 

@@ -106,11 +106,11 @@ def turn_of_heading(kappa, L_n, Omega, x, angle):
     """
     if abs(L_n) <= abs(kappa) * Omega:
         return angle
-    way = -copysign(1.0, L_n)
+    sign = -copysign(1.0, L_n)
     turns = nearest(x / TWO_PI)
     turns -= 1.0 if turns > x / TWO_PI else 0.0  # rounded down
     least = -0.25 * TWO_PI if x - turns * TWO_PI < 0.5 * TWO_PI else 0.25 * TWO_PI
-    return angle + way * TWO_PI * (turns if way * angle > least else turns + 1.0)
+    return angle + sign * TWO_PI * (turns if sign * angle > least else turns + 1.0)
 
 
 @compiled

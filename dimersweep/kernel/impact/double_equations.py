@@ -38,7 +38,7 @@ def lateral_of(dm, i):
 
 
 @compiled(fuse=True, inline=True)
-def given(split, both, apart):
+def from_sums(split, both, apart):
     """Return the velocity that two forces give, from their sum and their difference.
 
     So ends that move alike continue to move alike to the last digit, however sums of products are rounded.
@@ -49,7 +49,7 @@ def given(split, both, apart):
 @compiled
 def pull(dm, f_1, f_2):
     """Return the axial acceleration that the normal forces give."""
-    return given(dm.pair.a, f_1 + f_2, f_1 - f_2)
+    return from_sums(dm.pair.a, f_1 + f_2, f_1 - f_2)
 
 
 @compiled(inline=True)
@@ -143,13 +143,13 @@ def rates_in_clock(dm, modes, gains, clock, z):
     A, L_1, L_2 = friction(dm, modes, f_1, f_2, z[ZA], z[ZB1], z[ZB2])
     w, f, apart, L, L_apart = dm.pair, f_1 + f_2, f_1 - f_2, L_1 + L_2, L_1 - L_2
     return (
-        given(w.n_1, f, apart) + w.na_1 * A,
-        given(w.n_2, f, apart) + w.na_2 * A,
+        from_sums(w.n_1, f, apart) + w.na_1 * A,
+        from_sums(w.n_2, f, apart) + w.na_2 * A,
         -(0.5 if has_root(clock, 0) else pace) * gains[0] * z[ZN1],
         -(0.5 if has_root(clock, 1) else pace) * gains[1] * z[ZN2],
-        given(w.a, f, apart) + w.aa * A,
-        given(w.b_1, L, L_apart),
-        given(w.b_2, L, L_apart),
+        from_sums(w.a, f, apart) + w.aa * A,
+        from_sums(w.b_1, L, L_apart),
+        from_sums(w.b_2, L, L_apart),
     )
 
 
@@ -196,17 +196,18 @@ def stick_reserve(dm, modes, i, z, f_1, f_2):
 
 
 @compiled
-def hold_or_slip(dm, i, z, f_1, f_2, tol, lost):
+def hold_or_slip(dm, i, z, f_1, f_2, tol, hold_ended):
     """Return the friction mode of end i, at rest beside an end that slips laterally.
 
-    If end i slips, its slip in z is set to half of tol, outward. `lost` says that friction has just ceased to hold it.
+    If end i slips, its slip in z is set to half of tol, outward. `hold_ended` is True if friction has just ceased to
+    hold it.
     """
     own, other, bb = end(dm, i), end(dm, 1 - i), lateral_of(dm, i)
     f_i, f_j = (f_1, f_2) if i == 0 else (f_2, f_1)
     z[ZA], z[ZB1 + i] = 0.0, 0.0
     drive = pull(dm, f_1, f_2)
     side = -dm.pair.bb_12 * other.mu_hit * f_j * copysign(1.0, z[ZB2 - i])
-    if not lost and hold_left(own.mu_s, f_i, drive / dm.pair.aa, side / bb) >= 0.0:
+    if not hold_ended and hold_left(own.mu_s, f_i, drive / dm.pair.aa, side / bb) >= 0.0:
         return STICK
     d_a, d_b = outward_slip(drive, side, own.mu_hit * f_i * dm.pair.aa, own.mu_hit * f_i * bb)
     # half of the slip that counts as none: enough for a direction, and twice the slip at which a slip ends
@@ -216,11 +217,11 @@ def hold_or_slip(dm, i, z, f_1, f_2, tol, lost):
 
 
 @compiled
-def friction_modes(dm, z, modes, tol, lost):
+def friction_modes(dm, z, modes, tol, hold_ended):
     """Write the friction modes of both ends for the present slips and forces into `modes`.
 
-    Slips below tol are set to rest. `lost` says that friction has just ceased to hold an end at rest, whatever rounding
-    says of the limit.
+    Slips below tol are set to rest. `hold_ended` is True if friction has just ceased to hold an end at rest, whatever
+    rounding says of the limit.
     """
     f_1, f_2 = first_forces(dm, z)
     at_rest_1 = length(z[ZA], z[ZB1]) <= tol
@@ -229,15 +230,15 @@ def friction_modes(dm, z, modes, tol, lost):
     if at_rest_1 and at_rest_2:
         z[ZA], z[ZB1], z[ZB2] = 0.0, 0.0, 0.0
         drive = pull(dm, f_1, f_2)
-        if not lost and axial_hold_left(dm, f_1, f_2, drive / dm.pair.aa) >= 0.0:
+        if not hold_ended and axial_hold_left(dm, f_1, f_2, drive / dm.pair.aa) >= 0.0:
             modes[0], modes[1] = STICK, STICK
         else:
             # half of the slip that counts as none, the way that the normal forces drive it
             z[ZA] = copysign(0.5 * tol, drive)
     elif at_rest_1:
-        modes[0] = hold_or_slip(dm, 0, z, f_1, f_2, tol, lost)
+        modes[0] = hold_or_slip(dm, 0, z, f_1, f_2, tol, hold_ended)
     elif at_rest_2:
-        modes[1] = hold_or_slip(dm, 1, z, f_1, f_2, tol, lost)
+        modes[1] = hold_or_slip(dm, 1, z, f_1, f_2, tol, hold_ended)
 
 
 @compiled

@@ -401,14 +401,14 @@ def probe_step(leg, t):
         The least event function at t, and its number. PROBE_FOUND if it is zero to the tolerance, else PROBE_LOOK_ON;
         PROBE_REFUSED if the error of the step exceeds the tolerance.
     """
-    out, way = leg.b.out, t - leg.bracket[0].at
-    if abs(way) <= min(leg.stride.near, CARRIED * t):
+    out, distance = leg.b.out, t - leg.bracket[0].at
+    if abs(distance) <= min(leg.stride.near, CARRIED * t):
         leg_rates(leg, out, leg.b.rates_out)
         for k in range(N_Z):
-            leg.b.probe[k] = out[k] + 0.5 * way * leg.b.rates_out[k]
+            leg.b.probe[k] = out[k] + 0.5 * distance * leg.b.rates_out[k]
         leg_rates(leg, leg.b.probe, leg.b.rates_probe)
         for k in range(leg.n):
-            out[k] += way * leg.b.rates_probe[k]
+            out[k] += distance * leg.b.rates_probe[k]
     elif not leg_step(leg, t) <= 1.0:
         return 0.0, UNSOUND, PROBE_REFUSED
     g, event = least_value(leg, out)

@@ -270,7 +270,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
     d = DoubleImpact(dm, modes, V, slip_tol, left, least, z, start, before, mid, compressing, b.e)
     begin_double(d, state, tol)
     wanted, blow = work.course[0].tally.wanted, work.course[0].blow
-    rows, status, lost = 0, IMPACT_STEPS, False
+    rows, status, hold_ended = 0, IMPACT_STEPS, False
     for _ in range(MAX_PHASES):
         charge(work.meter, PHASE_COST)
         for i in range(2):
@@ -285,7 +285,7 @@ def double_impact(dm, state, V, tol, modes, work, log):
         copy(z, before, N_Z)
         works = (0.0, 0.0), (0.0, 0.0)
         if on_1 and on_2:
-            friction_modes(dm, z, modes, slip_tol, lost)
+            friction_modes(dm, z, modes, slip_tol, hold_ended)
             if follow_acceleration(d):
                 continue
             event = double_leg(d, leg_tol, work)
@@ -294,17 +294,17 @@ def double_impact(dm, state, V, tol, modes, work, log):
             if wanted:
                 works = (rest_work(d, 0), rest_work(d, 1)), (z[ZS1], z[ZS2])
             # events 4 and 5: a hold is lost (`double_leg.event_value`)
-            lost = 4 <= event < 6
+            hold_ended = 4 <= event < 6
             settle_event(d, event)
         else:
             i = 0 if on_1 else 1
-            reason, lost = single_end_phase(d, i, work), False
+            reason, hold_ended = single_end_phase(d, i, work), False
             if reason != OK and reason != OTHER:
                 status = reason
                 break
             if blow.mode == STICK and 0.0 < blow.P_s < blow.P:
-                beside = SLIP if length(before[ZA], before[ZB2 - i]) > slip_tol else STICK
-                mode_1, mode_2 = (SLIP, beside) if i == 0 else (beside, SLIP)
+                other_mode = SLIP if length(before[ZA], before[ZB2 - i]) > slip_tol else STICK
+                mode_1, mode_2 = (SLIP, other_mode) if i == 0 else (other_mode, SLIP)
                 code = coded(impact_digit(on_1, mode_1), impact_digit(on_2, mode_2))
                 rows = note_phase(d, mid, code, works_of_one(i, blow, True), rows, work, log)
                 copy(mid, before, N_Z)
@@ -327,8 +327,8 @@ def rest_work(d, i):
 
     It is the loss of the stored energy, times e^2 in restitution.
     """
-    lost = stored_energy(d.dm, i, d.before[ZX1 + i]) - stored_energy(d.dm, i, d.z[ZX1 + i])
-    return lost if d.compressing[i] > 0.0 else d.e[i] * d.e[i] * lost
+    released = stored_energy(d.dm, i, d.before[ZX1 + i]) - stored_energy(d.dm, i, d.z[ZX1 + i])
+    return released if d.compressing[i] > 0.0 else d.e[i] * d.e[i] * released
 
 
 @compiled

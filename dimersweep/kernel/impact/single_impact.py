@@ -345,8 +345,8 @@ def straight_leg(law, blow, c, s):
             blow.a, blow.b = 0.0, 0.0
         elif not stick:
             blow.a, blow.b = a + w_a * P, b + w_b * P
-        way = 0.0 if stick else P * (v + 0.5 * w_v * P)  # integral of the slip over P
-        add(blow, P, t_a * P, (blow.b - b) / law.bb, -law.mu * way)
+        slid = 0.0 if stick else P * (v + 0.5 * w_v * P)  # integral of the slip over P
+        add(blow, P, t_a * P, (blow.b - b) / law.bb, -law.mu * slid)
     return OTHER if law.both > 0.0 and blow.n_j == 0.0 and w_j < 0.0 else LEG
 
 

@@ -42,10 +42,10 @@ def set_plate(row, f, g, tilt, azimuth, dm):
         Filled in place.
     """
     sin_tilt, cos_tilt = sincos(tilt)
-    sin_way, cos_way = sincos(azimuth)
+    sin_azimuth, cos_azimuth = sincos(azimuth)
     omega, phi0 = TWO_PI * f, row[ROW_PHI0]
     dm.omega, dm.period, dm.g, dm.phi0 = omega, 1.0 / f, g * cos_tilt, phi0 - TWO_PI * (phi0 // TWO_PI)
-    dm.fall_x, dm.fall_y = g * sin_tilt * cos_way, g * sin_tilt * sin_way
+    dm.fall_x, dm.fall_y = g * sin_tilt * cos_azimuth, g * sin_tilt * sin_azimuth
     dm.n_z, dm.n_along, dm.sideways = 1, 1, 0.0 if tilt == 0.0 else 1.0
     speed, acceleration, jerk, snap = 0.0, 0.0, 0.0, 0.0
     for j in range(HARMONICS):

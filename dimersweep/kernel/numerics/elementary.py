@@ -143,8 +143,8 @@ def raised(x, y):
     whole, y_high = upper(high), upper(y)
     product = y * high
     part, y_part = high - whole, y - y_high
-    lost = ((y_high * whole - product) + y_high * part + y_part * whole) + y_part * part
-    return exp_of_pair(product, lost + y * low)
+    rounding = ((y_high * whole - product) + y_high * part + y_part * whole) + y_part * part
+    return exp_of_pair(product, rounding + y * low)
 
 
 @compiled

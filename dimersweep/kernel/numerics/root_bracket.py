@@ -19,7 +19,7 @@ UNSOUND = -3
 PROBE_LOOK_ON, PROBE_FOUND, PROBE_REFUSED = range(3)  # the verdict of a probe
 # first guess on a cubic: evaluations; share of the change of the function that may be left; distance to which its slope
 # is taken
-ON_CUBIC, CLOSE_ON_CUBIC, ASIDE = 12, 1e-6, 1e-3
+ON_CUBIC, CLOSE_ON_CUBIC, SLOPE_SHARE = 12, 1e-6, 1e-3
 GUESSES = 6  # probes by Newton's rule, after which the bracket alone decides
 
 
@@ -118,7 +118,7 @@ def zero_on_cubic(value, problem, s, h, g_start, g_end):
         if abs(g) <= CLOSE_ON_CUBIC * (g_start - g_end):
             break
         note_probe(s, mid, g, 0.0, False)
-    slope = (value(problem, mid + ASIDE) - g) / (ASIDE * h)
+    slope = (value(problem, mid + SLOPE_SHARE) - g) / (SLOPE_SHARE * h)
     return (mid * h - g / slope if slope < 0.0 else mid * h), slope
 
 

@@ -98,8 +98,8 @@ def down_and_hop(dm, past, span, rest, p, i):
     if moved == 0:
         return 1.0, 0.0
     row = past.strobes[strobe(past, 0)]
-    on_its_way = row.time - row.off[i] if row.off[i] >= 0.0 else 0.0
-    hop = max(on_its_way / dm.period, longest_landed(dm, past, moved, 0, i))
+    under_way = row.time - row.off[i] if row.off[i] >= 0.0 else 0.0
+    hop = max(under_way / dm.period, longest_landed(dm, past, moved, 0, i))
     return (moved * share(past, moved, p, i) + (span - moved)) / span, hop
 
 
@@ -114,7 +114,7 @@ def mode_on_the_plate(dm, state, past, at_rest):
     """Return the mode of a motion whose ends both stay down."""
     if at_rest:
         return M_REST
-    if past.held < STAYS:
+    if past.stuck < STAYS:
         return M_SLIDES
     return M_REST if keeps_speed(dm, state[THETA], state[WP]) else M_ROLLS
 
@@ -169,11 +169,11 @@ def landing_pattern(dm, past, span):
         turns += 1 if later_end >= 0.0 and row.end != later_end else 0
         later_end = row.end
         # a landing of the other end at nearly the same time: it can only be the landing before this one, or after it
-        beside = False
+        paired = False
         for k in range(max(back - 1, 0), min(back + 2, kept)):
             other = past.landings[(last - k) % RING]
-            beside = beside or (other.end != row.end and abs(other.time - row.time) < TOGETHER * dm.period)
-        together += 1 if beside else 0
+            paired = paired or (other.end != row.end and abs(other.time - row.time) < TOGETHER * dm.period)
+        together += 1 if paired else 0
     return together, turns, total
 
 

@@ -96,7 +96,7 @@ class Past:
     closed: float  # number of periods for which both ends have been closed
     hop: Ends
     fastest: float  # greatest speed in the plate's frame so far [m/s]: the measure of slow impacts
-    held: float  # number of periods for which both ends have stuck
+    stuck: float  # number of periods for which both ends have stuck
     spare: Annotated[list[float], 12]
     runs: Annotated[list[float], 24]  # place p: number of periods for which the motion has repeated with period p
     track: TrackState
@@ -128,7 +128,7 @@ def begin_past(past):
     """Empty a past, with both balls down. Entries of the rings are read no further than they are counted here."""
     for i in range(2):
         past.off[i], past.long[i], past.hop[i] = -1.0, 0.0, 0.0
-    past.n_doubles = past.n_landings = past.n_strobes = past.closed = past.fastest = past.held = past.track.begun = 0.0
+    past.n_doubles = past.n_landings = past.n_strobes = past.closed = past.fastest = past.stuck = past.track.begun = 0.0
     for p in range(len(past.runs)):
         past.runs[p] = 0.0
 
@@ -139,7 +139,7 @@ def note_contact_modes(dm, past, state, modes):
     for i in range(2):
         # -1.0: the period under way does not count, and its end brings the number to zero
         if modes[i] == SLIP:
-            past.held = -1.0
+            past.stuck = -1.0
         if modes[i] == FREE:
             past.closed = -1.0
             if past.off[i] < 0.0:
@@ -265,4 +265,4 @@ def note_strobe(dm, state, modes, past):
         row.long[i], row.off[i], row.hop[i] = past.long[i], past.off[i], past.hop[i]
         past.hop[i] = 0.0
     past.closed = past.closed + 1.0 if modes[0] != FREE and modes[1] != FREE else 0.0
-    past.held = past.held + 1.0 if modes[0] == STICK and modes[1] == STICK else 0.0
+    past.stuck = past.stuck + 1.0 if modes[0] == STICK and modes[1] == STICK else 0.0

@@ -52,7 +52,7 @@ def put(now, point):
 
 
 @compiled
-def way_to(now, point):
+def difference_from(now, point):
     """Return the difference between a point and an earlier point in a record."""
     return Fix(now.time - point.time, now.x - point.x, now.y - point.y, now.heading - point.heading)
 
@@ -74,12 +74,12 @@ def follow_track(track, now, no_speed):
         track.u_x = track.u_y = nan
         begin_turn(track, now)
     else:
-        note_velocity(track, way_to(now, track.last), no_speed)
+        note_velocity(track, difference_from(now, track.last), no_speed)
         turned = now.heading - track.start.heading
         if abs(turned) > abs(track.far):
             track.far = turned
         if abs(turned) >= TWO_PI:
-            end_turn(track, way_to(now, track.start), way_to(now, track.last))
+            end_turn(track, difference_from(now, track.start), difference_from(now, track.last))
             begin_turn(track, now)
         elif turned_back(track.far, turned):
             track.kind = TRACK.cusps if track.cusp != 0.0 else TRACK.reversals
@@ -121,22 +121,22 @@ def note_velocity(track, step, no_speed):
 
 
 @compiled
-def end_turn(track, way, step):
+def end_turn(track, whole_turn, step):
     """Set the velocity of the centre over the whole turn that ended in the last step, and the kind of the track."""
-    track.u_x, track.u_y = centre_velocity(way, step)
+    track.u_x, track.u_y = centre_velocity(whole_turn, step)
     if track.cusp != 0.0:
         track.kind = TRACK.cusps
     # without waves the velocity turns by a whole turn, as the heading does, and with waves by none: half a turn lies
     # between
-    elif track.length > 0.0 and abs(way.heading - track.bend) > pi:
+    elif track.length > 0.0 and abs(whole_turn.heading - track.bend) > pi:
         track.kind = TRACK.waves
     else:
-        moved = length(track.u_x, track.u_y) * way.time
+        moved = length(track.u_x, track.u_y) * whole_turn.time
         track.kind = TRACK.loops if moved > STANDS * track.length else TRACK.circle
 
 
 @compiled
-def centre_velocity(way, step):
+def centre_velocity(whole_turn, step):
     """Return the velocity of the centre of a circle over a whole turn of the heading [m/s].
 
     It is exact where the track is a cycloid. The last step goes beyond the turn by an angle `over`, and the part w of
@@ -147,16 +147,16 @@ def centre_velocity(way, step):
 
     Parameters
     ----------
-    way, step : Fix
+    whole_turn, step : Fix
         Difference since the turn began, up to the first point at which it is whole; and that of its last step.
     """
-    over = way.heading - (TWO_PI if way.heading > 0.0 else -TWO_PI)
+    over = whole_turn.heading - (TWO_PI if whole_turn.heading > 0.0 else -TWO_PI)
     sin_over, _ = sincos(0.5 * over)
     sin_step, _ = sincos(0.5 * step.heading)
     s, c = sincos(0.5 * (step.heading - over))
     w_x, w_y = sin_over / sin_step * c, sin_over / sin_step * s
-    z_x, z_y = way.x - (w_x * step.x - w_y * step.y), way.y - (w_x * step.y + w_y * step.x)
-    t_x, t_y = way.time - w_x * step.time, -w_y * step.time
+    z_x, z_y = whole_turn.x - (w_x * step.x - w_y * step.y), whole_turn.y - (w_x * step.y + w_y * step.x)
+    t_x, t_y = whole_turn.time - w_x * step.time, -w_y * step.time
     size = t_x * t_x + t_y * t_y
     return (z_x * t_x + z_y * t_y) / size, (z_y * t_x - z_x * t_y) / size
 

@@ -80,7 +80,7 @@ def ball_state(m: ReturnMap, spin: float) -> np.ndarray:
     begun = np.array(State(d2=d2, n2=n2, spin=spin, cb=dm.p1.r * spin))
     state = m.section.state(m.section.point(begun), np.full(2, float(FREE)))
     state[WB] = n2 / (dm.l * max(0.1, cos(dm.beta_0 + state[DIP])))
-    return m.section.held(state, m.modes)
+    return m.section.with_ends_at_rest(state, m.modes)
 
 
 def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap, np.ndarray]:

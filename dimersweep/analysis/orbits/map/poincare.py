@@ -19,7 +19,7 @@ import numpy as np
 
 from dimersweep.analysis.orbits.map.passage import TURN, Passage
 from dimersweep.errors import KernelError, OrbitError, ParameterError
-from dimersweep.kernel.batch import ask_for
+from dimersweep.kernel.batch import run_request
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.body import dimer_of
 from dimersweep.kernel.model.layout import (
@@ -138,7 +138,7 @@ class Recorder:
         With `path`, the run follows x1, y1 and gamma, too.
         """
         self.periods += periods - start[PHASE] / TURN
-        ask = ask_for(periods, rtol, path=path)
+        ask = run_request(periods, rtol, path=path)
 
         def made(record: Record, reading: Reading) -> tuple[int, np.ndarray, np.ndarray]:
             state, modes = start.copy(), np.zeros(2)
@@ -211,7 +211,7 @@ class ReturnMap:
         self.free = np.array(free_coordinates(self.modes))
         self.slow = int(np.flatnonzero(self.free == SPIN_COORDINATE)[0])
         self.of_section = np.array([self.phase, self.back, np.nan if self.spin is None else self.spin])
-        self.ask = ask_for(self.periods, self.rtol)
+        self.ask = run_request(self.periods, self.rtol)
         self._take_row(fill_rows(self.parameters, 1)[0])
 
     def _take_row(self, row: np.ndarray) -> None:

@@ -1,8 +1,8 @@
-"""The way of compiling, the same for the whole kernel: the fast way until it fails, the plain way, or none.
+"""Choose the pipeline that compiles the whole kernel: the fast one until it fails, the plain one, or none.
 
-DIMERSWEEP_COMPILER chooses. Without it the fast way is tried on any Numba. If it raises, and the plain way does not,
-the plain way takes over. A note of this is left beside the code of the fast way, so it holds for one version of the
-kernel and of Numba.
+DIMERSWEEP_COMPILER chooses. Without it the fast pipeline is tried on any Numba. If it raises, and the plain pipeline
+does not, the plain one takes over. A note of this is left beside the code of the fast one, so it holds for one version
+of the kernel and of Numba.
 """
 
 import os
@@ -14,27 +14,27 @@ from dimersweep.kernel.compiler import cache, versions
 FAST, PLAIN, PYTHON = "fast", "plain", "python"
 NOTE = "fast-way-fails"  # name of the note in the cache of code
 
-_taken: list[str] = []  # present way of this process, once it is chosen
+_taken: list[str] = []  # present pipeline of this process, once it is chosen
 
 
-def way() -> str:
-    """Return the present way of compiling, FAST, PLAIN or, with the JIT off, PYTHON; choose it at the first call."""
-    return _taken[-1] if _taken else take(first_way())
+def pipeline() -> str:
+    """Return the present pipeline, FAST, PLAIN or, with the JIT off, PYTHON; choose it at the first call."""
+    return _taken[-1] if _taken else take(first_pipeline())
 
 
 def take(chosen: str) -> str:
-    """Set the way of compiling from now on, and return it."""
+    """Set the pipeline from now on, and return it."""
     _taken[:] = [chosen]
     return chosen
 
 
-def asked_way() -> str | None:
-    """Return the way that DIMERSWEEP_COMPILER asks for, or None; with the JIT off, PYTHON.
+def requested_pipeline() -> str | None:
+    """Return the pipeline that DIMERSWEEP_COMPILER requests, or None; with the JIT off, PYTHON.
 
     Raises
     ------
     ImportError
-        If DIMERSWEEP_COMPILER asks for another way.
+        If DIMERSWEEP_COMPILER requests another one.
     """
     import numba
 
@@ -45,12 +45,12 @@ def asked_way() -> str | None:
     return PYTHON if config.DISABLE_JIT else asked
 
 
-def first_way() -> str:
-    """Return the way that a process begins with.
+def first_pipeline() -> str:
+    """Return the pipeline that a process begins with.
 
-    It is the way asked for, else the fast way or, with a warning, the plain way if a note says that the fast one fails.
+    It is the one requested, else the fast one or, with a warning, the plain one if a note says that the fast one fails.
     """
-    if asked := asked_way():
+    if asked := requested_pipeline():
         return asked
     note = cache.load(versions.code_version(FAST), NOTE)
     if note:
@@ -59,7 +59,7 @@ def first_way() -> str:
 
 
 def give_up(error: Exception) -> None:
-    """Note for later processes that the fast way fails with this error, and warn the user."""
+    """Note for later processes that the fast pipeline fails with this error, and warn the user."""
     text = textwrap.shorten(f"{type(error).__name__}: {error}", width=200, placeholder="...")
     cache.save(versions.code_version(FAST), NOTE, text.encode())
     _tell(text)
@@ -76,4 +76,4 @@ def _tell(reason: str) -> None:
 
 def is_compiled() -> bool:
     """Return True if compiled code of this version of the kernel is at hand or not needed: the next call is quick."""
-    return way() == PYTHON or bool(cache.files(versions.code_version(way())))
+    return pipeline() == PYTHON or bool(cache.files(versions.code_version(pipeline())))
