@@ -44,7 +44,7 @@ def labels_of(data: xr.Dataset) -> list[str]:
 
 
 def _borders(data: xr.Dataset, near: float) -> list[tuple[float, str]]:
-    """Return the borders of the changes with their kinds; of borders of a kind within `near` of each other, one."""
+    """Return the borders of the changes with their kinds; borders of one kind within `near` of each other count once."""
     kept: list[tuple[float, str]] = []
     if "border_kind" not in data:  # in a file, where nothing changes: a column without entries is not written
         return kept
@@ -118,8 +118,8 @@ def attractors(data: xr.Dataset, **look: Unpack[Look]) -> Figure:
         here = share[:, k] > 0
         error = (below[here, k], above[here, k])
         # error bars of different areas are shifted, so that they do not hide each other
-        beside = values[here] + 0.6 * near * (k - 0.5 * (share.shape[1] - 1))
-        axes.errorbar(beside, tops[here, k], yerr=error, fmt="none", ecolor=ink(), elinewidth=0.9, capsize=2)
+        shifted = values[here] + 0.6 * near * (k - 0.5 * (share.shape[1] - 1))
+        axes.errorbar(shifted, tops[here, k], yerr=error, fmt="none", ecolor=ink(), elinewidth=0.9, capsize=2)
     borders = _borders(data, near)
     for border, _ in borders:
         axes.axvline(border, color=ink(), linestyle="--", linewidth=1)

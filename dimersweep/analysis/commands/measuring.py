@@ -190,8 +190,8 @@ def table_of(path: Path) -> "xr.Dataset":
     columns: dict[str, Any] = {}
     for k, head in enumerate(names):
         found = re.fullmatch(rf"(.*?)\s*(?:{BRACKETS}|[/_]\s*(\D\S*))", head)
-        told = found is not None and (found[2] is not None or is_unit(found[3]))
-        name, unit = (found[1], found[2] or found[3]) if found and told else (head, "")
+        has_unit = found is not None and (found[2] is not None or is_unit(found[3]))
+        name, unit = (found[1], found[2] or found[3]) if found and has_unit else (head, "")
         name = f"{name}.{k + 1}" if name in columns else name
         columns[name] = ("sample", frame[k].to_numpy(), {"units": unit} if unit else {})
     return xr.Dataset(columns)

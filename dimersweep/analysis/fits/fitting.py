@@ -153,9 +153,9 @@ class Fit:
         errors = self.errors
         words = ", ".join(f"{name} {value:.4g} ± {errors[name]:.2g}" for name, value in self.values.items())
         n = len(self.predicted)
-        told = "" if self.possible else "; no parameters in the ranges give the data"
-        told += "; not all is determined" if self.undetermined else ""
-        return f"<Fit: {words}, chi-square {self.chi_square:.2f} of {n} value{'s' if n > 1 else ''}{told}>"
+        remark = "" if self.possible else "; no parameters in the ranges give the data"
+        remark += "; not all is determined" if self.undetermined else ""
+        return f"<Fit: {words}, chi-square {self.chi_square:.2f} of {n} value{'s' if n > 1 else ''}{remark}>"
 
     def __str__(self) -> str:
         return self.table()
@@ -372,7 +372,7 @@ class _Search:
         """Return the derivatives of the residuals by the parameters in ranges, shape (m, n): `central` if possible."""
         columns = []
         for step in SLOPE_STEP * np.eye(point.u.size):
-            places = (np.clip(point.u + way, 0, 1) for way in (step, -step))
+            places = (np.clip(point.u + offset, 0, 1) for offset in (step, -step))
             found = (self.at(u, point.orbit) for u in places if (u != point.u).any())
             ahead, back, *_ = (*islice(filter(None, found), 2 if central else 1), point, point)
             width = (ahead.u - back.u).sum()
@@ -387,7 +387,7 @@ class _Search:
         """
         inside = np.clip(start.u, INSIDE, 1 - INSIDE)  # the solver begins within its bounds
         guess, enough, most = (None, ENOUGH, MOST_STEPS) if along is None else (start.orbit, FINE, FEW_STEPS)
-        held = np.empty((0, inside.size)) if along is None else STIFF * along
+        stiff = np.empty((0, inside.size)) if along is None else STIFF * along
         if self.at(inside, guess) is None:
             return start
         known = None if along is None else self.slopes(start)  # across a valley the way is short: they hardly change
@@ -396,11 +396,11 @@ class _Search:
         def residuals(u: np.ndarray) -> np.ndarray:
             point = self.at(u, guess)
             seen = np.full(len(self.likelihood.whitening), np.inf) if point is None else point.residuals
-            return np.concatenate([seen, held @ (u - start.u)])
+            return np.concatenate([seen, stiff @ (u - start.u)])
 
         def slopes(u: np.ndarray) -> np.ndarray:
             if known is not None:
-                return np.concatenate([known, held])
+                return np.concatenate([known, stiff])
             here = self.last if self.last is not None and np.array_equal(self.last.u, u) else self.at(u, guess)
             assert here is not None  # slopes are asked for at points whose residuals are finite
             return self.slopes(here, central=False)  # enough for the solver's steps
@@ -451,9 +451,9 @@ class _Search:
             there = _directions(slopes)[1][-n_open:].T
             # turned as little as possible against the point before, so that the points form an even net
             along = (there @ orthogonal_procrustes(there, before.T)[0]).T
-            for way in (*along, *-along):
-                room = (np.where(way > 0, 1 - point.u, point.u) / np.maximum(np.abs(way), INSIDE)).min()
-                ahead_u = point.u + min(step, room) * way
+            for direction in (*along, *-along):
+                room = (np.where(direction > 0, 1 - point.u, point.u) / np.maximum(np.abs(direction), INSIDE)).min()
+                ahead_u = point.u + min(step, room) * direction
                 start = None if near(ahead_u) else self.at(ahead_u, point.orbit)
                 if start is not None:
                     ahead.append((self.descended(start, along), along))

@@ -22,13 +22,13 @@ FEW_MISSING = 2
 TREND, TREND_PARTS = 4, 16
 # height of a clear line over the median of this number of bins on each side: noise alone reaches it in one of 1e11
 # bins, since its amplitude in a bin has the median 1.18 sigma, and exceeds 6 * 1.18 sigma with probability exp(-25)
-CLEAR, BINS_BESIDE = 6.0, 20
+CLEAR, MEDIAN_BINS = 6.0, 20
 # bins beside a line in which no other line is looked for: a Hann window widens a line to two on each side
 NEAR_LINE = 3
 # further lines that are removed at most, and their least amplitude over the first one
 LINES, SMALL_LINE = 12, 1e-5
 # change of a line that refuses the record; changes that are reported: over those of noise, and relative to the line
-STEADY_LINE, NOISE_CHANGES, TOLD = 0.1, 2.0, 0.003
+STEADY_LINE, NOISE_CHANGES, REPORTED_CHANGE = 0.1, 2.0, 0.003
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +131,9 @@ def on_a_grid(t: np.ndarray) -> tuple[np.ndarray, float]:
     """
     steps, since = np.diff(t), t - t[0]
     wrong, backward = np.flatnonzero(steps <= 0), steps.min() < 0 or since[-1] == 0
-    told = f"t = {t[wrong[0] + 1]:.13g} after {t[wrong[0]]:.13g}: the times must increase" if wrong.size else ""
+    fault = f"t = {t[wrong[0] + 1]:.13g} after {t[wrong[0]]:.13g}: the times must increase" if wrong.size else ""
     if backward:
-        raise ParameterError(told)
+        raise ParameterError(fault)
     # stamps of a coarse clock differ by multiples of its steps; steps are at least those of single precision
     levels = np.diff(np.unique(np.append(steps, 0.0)))
     levels = levels[levels > 4 * np.spacing(np.abs(t).max())]
@@ -148,8 +148,8 @@ def on_a_grid(t: np.ndarray) -> tuple[np.ndarray, float]:
             # rounding repeats after a while, so its errors are not independent: means of blocks show their size
             off = [each.mean() for each in np.array_split(even - since, min(MOST_BLOCKS, t.size))]
             return even - even[0], float(np.std(off) * np.sqrt(12 / len(off)) / since[-1])
-    if told:
-        raise ParameterError(told)
+    if fault:
+        raise ParameterError(fault)
     return since, 0.0
 
 
@@ -189,7 +189,7 @@ def peaks(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     frequencies, density = densities(t, a)
     size = np.linalg.norm(density, axis=0) * np.sqrt(3 * frequencies[1])
     here = (size == maximum_filter1d(size, 2 * NEAR_LINE + 1)) & (
-        size > CLEAR * median_filter(size, 2 * BINS_BESIDE + 1)
+        size > CLEAR * median_filter(size, 2 * MEDIAN_BINS + 1)
     )
     k = np.flatnonzero(here[NEAR_LINE + 1 : -1]) + NEAR_LINE + 1
     k = k[np.argsort(-size[k])]
@@ -249,7 +249,7 @@ def changes(t: np.ndarray, rest: np.ndarray, found: Periodic, begin: float) -> s
     change = float(np.sqrt((np.abs(line - 1) ** 2).mean()))
     # median of the size of a difference of two, over the deviation of one
     noise = np.median(np.abs(np.diff(line))) / 1.18
-    if change <= max(NOISE_CHANGES * noise, TOLD):
+    if change <= max(NOISE_CHANGES * noise, REPORTED_CHANGE):
         return ""
     sizes, turns = np.abs(line), np.unwrap(np.angle(line)) / (2 * np.pi)
     there = sizes > 0.5 * np.quantile(sizes, 0.9)

@@ -66,7 +66,7 @@ def draw_fit(
         axes: Axes = panels[row, k]
         axes.set_visible(k <= row)
         if k == (other := row + 1 - own):
-            _alone(axes, k, float(centre[k]), float(covariance[k, k]), valley, ends[k])
+            _draw_single(axes, k, float(centre[k]), float(covariance[k, k]), valley, ends[k])
         elif k <= row:
             _regions(axes, [k, other], *parts)
             axes.plot(*centre[[k, other]], "+", color=ink(), label="fit", clip_on=False)
@@ -115,7 +115,7 @@ def _regions(
                 label = None
 
 
-def _alone(axes: Axes, k: int, value: float, variance: float, valley: Valley | None, ends: np.ndarray) -> None:
+def _draw_single(axes: Axes, k: int, value: float, variance: float, valley: Valley | None, ends: np.ndarray) -> None:
     """Draw the density of one parameter, or its profile in a valley, with its error."""
     at = np.linspace(float(ends[0]), float(ends[1]), 401)
     if valley is not None:

@@ -126,8 +126,8 @@ class Track:
         at = np.linspace(t.min(), t.max(), int(SPIRAL_STEPS * rate * span / TURN) + SPIRAL_STEPS)
         pace = at * exprel(fades * at)
         turned = CubicSpline(at, rate * (1 + quickens * pace)).antiderivative()
-        way = CubicSpline(at, (1 + path.bend * pace) * np.exp(1j * turned(at))).antiderivative()
-        place = path.radius * (1j * rate * way(t) + swing * np.exp(1j * turned(t)))
+        displacement = CubicSpline(at, (1 + path.bend * pace) * np.exp(1j * turned(at))).antiderivative()
+        place = path.radius * (1j * rate * displacement(t) + swing * np.exp(1j * turned(t)))
         found, coefficients = _refined(t / span, place, rate * span, self.moving)
         return np.array([abs(coefficients[-1]), TURN * span / abs(found)])
 

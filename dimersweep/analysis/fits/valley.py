@@ -45,10 +45,10 @@ class Valley:
     @classmethod
     def of(cls, places: np.ndarray, residuals: np.ndarray, slopes: np.ndarray, n_open: int, step: float) -> "Valley":
         """Return the valley of points (each range from 0 to 1) that lie one step apart along the open directions."""
-        ways, found, directions = np.linalg.svd(slopes, full_matrices=True)
+        left_vectors, found, directions = np.linalg.svd(slopes, full_matrices=True)
         n_seen = places.shape[1] - n_open
         # residuals that the solver has left across the valley, at a kink: the misfit below it is without them
-        left = np.einsum("pmk,pm->pk", ways[:, :, :n_seen], residuals)
+        left = np.einsum("pmk,pm->pk", left_vectors[:, :, :n_seen], residuals)
         misfits = (residuals**2).sum(axis=1) - (left**2).sum(axis=1)
         seen, rises = np.maximum(found[:, :n_seen], FEW_ERRORS), misfits - misfits.min()
         # a narrow part of the valley (large singular values across it) has a smaller share
@@ -98,7 +98,7 @@ class Valley:
         scale = self.within(values, ONE_ERROR) / np.sqrt(np.diag(moments))
         covariance = np.asarray(moments * np.outer(scale, scale))
         least, most = self.extent
-        lost = (least < self.step) & (most > 1 - self.step)
-        covariance[lost], covariance[:, lost] = np.nan, np.nan
-        covariance[lost, lost] = np.inf
+        undetermined = (least < self.step) & (most > 1 - self.step)
+        covariance[undetermined], covariance[:, undetermined] = np.nan, np.nan
+        covariance[undetermined, undetermined] = np.inf
         return covariance

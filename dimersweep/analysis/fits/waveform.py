@@ -27,7 +27,7 @@ PER_PERIOD = 2.5  # least number of samples in a period of the highest harmonic:
 GAP_PERIODS = 0.5  # time without a sample that counts as a gap [periods]
 SURE = 4.0  # errors above which a harmonic is kept
 # how far a given frequency may be off: cycles over the record, of the fitted one; relative, when its line is looked for
-DRIFT, NEAR_GIVEN = 0.25, 0.02
+DRIFT, NEAR_FREQUENCY = 0.25, 0.02
 LINE_SHARE = 0.1  # amplitude over the strongest line from which a line may be that of the shaker
 # frequencies of the mains [Hz], and how far they and the clock of a record are off [Hz]
 MAINS, MAINS_OFF = (50.0, 60.0), 0.3
@@ -195,16 +195,16 @@ class Waveform:
         >>> Waveform.load("plate.toml")
         <Waveform: f 15 Hz, z1: 0.9 at 0 rad>
         """
-        told = read_toml(Path(path))
-        if "f" not in told or "z" not in told:
+        harmonics = read_toml(Path(path))
+        if "f" not in harmonics or "z" not in harmonics:
             raise ParameterError(f"{path}: is no waveform, which has f and z")
         try:
-            plate = Parameters(harmonics=told)
+            plate = Parameters(harmonics=harmonics)
         except ParameterError as error:
             raise ParameterError(f"{path}: {error}") from None
         waves: Waves = {}
         for axis, names in zip(MEASURED_AXES, WAVES, strict=True):
-            for k in sorted(map(int, told.get(axis, ()))):
+            for k in sorted(map(int, harmonics.get(axis, ()))):
                 size, phase = (float(getattr(plate, name)) for name in names[k - 1])
                 waves.setdefault(axis, {})[k] = (size, phase)
         return cls(float(plate.f), waves)
@@ -336,7 +336,7 @@ def _start(t: np.ndarray, a: np.ndarray, given: float | None, begin: float) -> t
     mains = np.abs(np.subtract.outer(strong, MAINS)).min(axis=1) < MAINS_OFF
     shaker = start = max(zip(~mains, harmonic.sum(axis=0), sizes[: strong.size] / strong, strong, strict=True))[-1]
     if given is not None:
-        near = places[np.abs(places - given) < max(NEAR_GIVEN * given, lines.NEAR_LINE / np.ptp(t))]
+        near = places[np.abs(places - given) < max(NEAR_FREQUENCY * given, lines.NEAR_LINE / np.ptp(t))]
         start = near[0] if near.size else shaker
     step, gap = float(np.median(np.diff(t))), int(np.diff(t).argmax())
     if (periods := start * (np.ptp(t) + step)) < LEAST_PERIODS - 0.5:
