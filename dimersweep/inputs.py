@@ -118,8 +118,8 @@ def in_units(numbers: Any, size: Size) -> Any:
     """
     if isinstance(numbers, float) and isinstance(size, Fraction) and isfinite(numbers):
         return float(Fraction(repr(float(numbers))) * size)
-    many, parts = size.as_integer_ratio()
-    return numbers * float(many) / float(parts)
+    numerator, denominator = size.as_integer_ratio()
+    return numbers * float(numerator) / float(denominator)
 
 
 def _from_carrier(name: str, value: Any, units: str | None, result: bool) -> np.ndarray:

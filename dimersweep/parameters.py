@@ -152,7 +152,7 @@ def keeps_rules(columns: Mapping[str, Any]) -> Any:
 
 
 def bounds(name: str, values: Mapping[str, float]) -> tuple[float, float]:
-    """Return the least and the greatest allowed value of a parameter beside the other values."""
+    """Return the least and the greatest allowed value of a parameter, where the other parameters are `values`."""
     low, high = -inf, inf
     for rule, one, other in _rules_for({**values, name: value_of(name, values)}):
         if name == one:
@@ -167,12 +167,12 @@ def bounds(name: str, values: Mapping[str, float]) -> tuple[float, float]:
 
 
 def without_effect(names: Collection[str]) -> set[str]:
-    """Return the parameters that nothing uses where `names` are given: X, where X_1 and X_2 both are."""
+    """Return the parameters without effect where `names` are given: X, where both X_1 and X_2 are given."""
     return {name for name, ends in ENDS.items() if set(ends) <= set(names)}
 
 
 def check_effect(names: Iterable[str]) -> None:
-    """Refuse parameters of which one has no effect beside the others.
+    """Refuse parameters if one of them has no effect beside the others.
 
     Raises
     ------
@@ -226,8 +226,8 @@ def spelt_out(given: Mapping[str, Any], known: Mapping[str, Any] | None = None) 
         if parameter in values:
             by = [each for each in (parameter, *STAND_INS) if each in given and each != name]
             raise ParameterError(f"{name}: given together with {by[0]}; leave one of the two out")
-        size, beside = as_number(name, given[name], quantity.units), BASE | dict(known or {}) | values
-        needed = {each: beside[each] for each in (("r", *ENDS["r"]) if name == "l" else ("f", "g")) if each in beside}
+        size, others = as_number(name, given[name], quantity.units), BASE | dict(known or {}) | values
+        needed = {each: others[each] for each in (("r", *ENDS["r"]) if name == "l" else ("f", "g")) if each in others}
         for each, value in needed.items():
             if value is None:
                 raise ParameterError(f"{name}: takes one {each}, which varies here; give {parameter}")
@@ -253,10 +253,10 @@ def instead_of(values: Mapping[str, Any]) -> dict[str, Any]:
     return {"A_z": v_z / omega, "v_z": v_z, "l": (values["A_r"] - 1) * (values["r_1"] + values["r_2"])}
 
 
-def _spelt_harmonics(given: Any, beside: Collection[str]) -> dict[str, Any]:
+def _spelt_harmonics(given: Any, others: Collection[str]) -> dict[str, Any]:
     """Return the parameters that `harmonics` stands for: a mapping of axes, a waveform, or a file of one.
 
-    `beside` has the names of all that is given with it.
+    `others` has the names of all parameters that are given with it.
     """
     waves = dict(zip(("z", "x", "y"), WAVES, strict=True))
     if isinstance(given, str | PathLike):
@@ -265,23 +265,25 @@ def _spelt_harmonics(given: Any, beside: Collection[str]) -> dict[str, Any]:
             how = f"dimersweep waveform {path} --out plate.toml"
             raise ParameterError(f"harmonics = {path}: must be a .toml file; of a record, `{how}` makes one")
         given = read_toml(path)
-    told = getattr(given, "harmonics", given)
-    if not isinstance(told, Mapping) or not told or not {*told} <= {*waves, "f"}:
+    harmonics = getattr(given, "harmonics", given)
+    if not isinstance(harmonics, Mapping) or not harmonics or not {*harmonics} <= {*waves, "f"}:
         raise ParameterError(
-            f"harmonics = {one_line(told)}: must be a mapping of axes z, x, y to harmonics, or a waveform"
+            f"harmonics = {one_line(harmonics)}: must be a mapping of axes z, x, y to harmonics, or a waveform"
         )
-    values: dict[str, Any] = {"f": told["f"]} if "f" in told else {}
-    for axis in told.keys() & waves.keys():
+    values: dict[str, Any] = {"f": harmonics["f"]} if "f" in harmonics else {}
+    for axis in harmonics.keys() & waves.keys():
         values |= {intensity: 0.0 for intensity, _ in waves[axis]}
-        if not isinstance(told[axis], Mapping):
-            raise ParameterError(f"harmonics.{axis} = {one_line(told[axis])}: must be orders and (intensity, phase)")
-        for order, pair in told[axis].items():
+        if not isinstance(harmonics[axis], Mapping):
+            raise ParameterError(
+                f"harmonics.{axis} = {one_line(harmonics[axis])}: must be orders and (intensity, phase)"
+            )
+        for order, pair in harmonics[axis].items():
             if str(order) not in map(str, range(1, HARMONICS + 1)):
                 raise ParameterError(f"harmonics.{axis}.{one_line(order)}: must be 1 to {HARMONICS}")
             if not isinstance(pair, Sequence) or isinstance(pair, str) or len(pair) != 2:
                 raise ParameterError(f"harmonics.{axis}.{order} = {one_line(pair)}: must be an intensity and a phase")
             values |= dict(zip(waves[axis][int(order) - 1], pair, strict=True))
-    for name in values.keys() & {*beside}:
+    for name in values.keys() & {*others}:
         raise ParameterError(f"{name}: given together with harmonics; leave one of the two out")
     return values
 

@@ -82,9 +82,9 @@ PARAMETERS = {
 }
 # harmonics of the plate beyond those above, which few runs have: they are not shown where they are zero
 HIGHER = frozenset(name for wave in WAVES for harmonic in wave for name in harmonic if name not in PARAMETERS)
-for _wave, _way in zip(WAVES, ("its normal", "its axis X", "its axis Y"), strict=True):
+for _wave, _words in zip(WAVES, ("its normal", "its axis X", "its axis Y"), strict=True):
     for _k, (_intensity, _phase) in enumerate(_wave, start=1):
-        _said = f"harmonic {_k} of the plate's motion along {_way}"
+        _said = f"harmonic {_k} of the plate's motion along {_words}"
         PARAMETERS.setdefault(
             _intensity, Quantity("1", f"intensity of {_said}, its amplitude times ({_k} omega)^2 / g")
         )
@@ -113,7 +113,7 @@ INSTEAD = {
     "A_z": ("Gamma", Quantity("m", "amplitude of the plate, in place of Gamma")),
     "v_z": ("Gamma", Quantity("m s-1", "greatest velocity of the plate, in place of Gamma")),
 }
-GIVEN = PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}
+ACCEPTED = PARAMETERS | {name: quantity for name, (_, quantity) in INSTEAD.items()}
 STAND_INS = (*INSTEAD, "harmonics")  # names of everything that may be given in place of parameters
 # parameters that may be left out: the parameter whose value they have then, or a number
 LEFT_OUT: dict[str, str | float] = {
@@ -170,7 +170,7 @@ def units_of(name: str) -> str:
 
     It is degrees for an angle, and mm for A_z and l.
     """
-    return "°" if is_angle(name) else "mm" if name in ("A_z", "l") else units_shown(GIVEN[name].units)
+    return "°" if is_angle(name) else "mm" if name in ("A_z", "l") else units_shown(ACCEPTED[name].units)
 
 
 def is_angle(name: str) -> bool:
@@ -183,7 +183,7 @@ def value_shown(name: str, value: float) -> str:
     return f"{degrees(value):.4g}°" if is_angle(name) else f"{value:.4g} {units_of(name)}".rstrip()
 
 
-def given(name: str, value: float, *, tex: bool = False) -> str:
+def parameter_shown(name: str, value: float, *, tex: bool = False) -> str:
     """Return a parameter with its value, such as f = 15 Hz."""
     return f"{symbol(name, tex=tex)} = {value_shown(name, value)}"
 
@@ -198,15 +198,15 @@ def stated(values: Mapping[str, float], varied: Collection[str] = ()) -> dict[st
     varied : collection of str
         Parameters that have several values; they are left out.
     """
-    held = {name: values[name] for name in PARAMETERS if name in values and name not in varied}
+    kept = {name: values[name] for name in PARAMETERS if name in values and name not in varied}
     for both, ends in ENDS.items():
-        own = {end: held.pop(end, held.get(both)) for end in ends if end not in varied}
+        own = {end: kept.pop(end, kept.get(both)) for end in ends if end not in varied}
         if len(own) < 2 or len(set(own.values())) > 1:
-            held.pop(both, None)
-            held |= {end: value for end, value in own.items() if value is not None}
+            kept.pop(both, None)
+            kept |= {end: value for end, value in own.items() if value is not None}
         elif None not in own.values():
-            held[both] = own[ends[0]]  # type: ignore[assignment]
-    return held
+            kept[both] = own[ends[0]]  # type: ignore[assignment]
+    return kept
 
 
 def conditions(
@@ -225,16 +225,16 @@ def conditions(
     tex : bool
         True for symbols in TeX, False for plain letters.
     """
-    held = stated(values, varied)
+    kept = stated(values, varied)
 
     def usual(name: str) -> float:
         value = LEFT_OUT.get(name, BASE.get(name, inf))
-        return held.get(value, inf) if isinstance(value, str) else value
+        return kept.get(value, inf) if isinstance(value, str) else value
 
     order = [each for name in dict.fromkeys((*CAPTION, *PARAMETERS)) for each in (name, *ENDS.get(name, ()))]
-    named = [name for name in dict.fromkeys(order) if name in held]
-    shown = [name for name in named if name in always or not isclose(held[name], usual(name), rel_tol=1e-12)]
-    return ", ".join(given(name, held[name], tex=tex).replace(" ", "\N{NO-BREAK SPACE}") for name in shown)
+    named = [name for name in dict.fromkeys(order) if name in kept]
+    shown = [name for name in named if name in always or not isclose(kept[name], usual(name), rel_tol=1e-12)]
+    return ", ".join(parameter_shown(name, kept[name], tex=tex).replace(" ", "\N{NO-BREAK SPACE}") for name in shown)
 
 
 # numbers of an orbit; each has a change per forcing period, too

@@ -129,7 +129,7 @@ def set_chunks(patch, points):
 
 def no_warm_up(patch):
     """Let work begin without the kernel being compiled."""
-    patch.setattr("dimersweep.studies.making.settle_way", lambda progress: None)
+    patch.setattr("dimersweep.studies.making.prepare_kernel", lambda progress: None)
 
 
 def another_version(patch, version="another"):

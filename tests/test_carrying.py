@@ -442,7 +442,7 @@ def test_each_way_can_be_explored(both):
     from dimersweep.exploring.page import LivePage
 
     page = LivePage(both)
-    assert page.map.told()["fixed"]["direction"]["values"] == ["up", "down"]
+    assert page.map.description()["fixed"]["direction"]["values"] == ["up", "down"]
     part = page.map.part({"direction": "1"})
     assert (part["x"]["name"], part["y"]["name"]) == ("Gamma", "e")
     words = names(both["mode"]).isel(direction=1).transpose("e", "Gamma")

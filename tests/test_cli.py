@@ -329,7 +329,7 @@ COMMANDS = {
     "lyapunov": ([], ["runs.simulating.simulate", "runs.growth.lyapunov"]),
     "power": (["--before", "5", "--periods", "5"], ["runs.simulating.simulate"]),
     "fit": (["absent.csv", "e=0.5:0.7"], ["inputs.read_text"]),
-    "warm": ([], ["work.computing.settle_way"]),
+    "warm": ([], ["work.computing.prepare_kernel"]),
     "waveform": (["absent.csv"], ["inputs.read_text"]),
 }
 

@@ -267,7 +267,7 @@ def test_a_carried_state_is_copied_with_the_run():
 
 def test_the_map_shows_the_part_that_is_asked_for(cube):
     shown = CubeMap(cube.transpose("Gamma", "f", "beta0"))
-    told = shown.told()
+    told = shown.description()
     assert (told["dims"], told["fixed"]) == (
         ["Gamma", "f", "beta0"],
         {"Gamma": {"label": "Γ", "values": ["0.8", "0.9"]}},
@@ -284,7 +284,7 @@ def test_the_map_shows_the_part_that_is_asked_for(cube):
 def test_borders_and_branches_have_a_map():
     curve = orbits.border("fold", "Gamma", over={"e": [0.55, 0.6]}, spin=100.0)
     page = LivePage(curve)
-    assert page.map.told()["sides"] == {"e": "e", "Gamma": "Γ"}
+    assert page.map.description()["sides"] == {"e": "e", "Gamma": "Γ"}
     part = page.map.part({})
     assert part["modes"] == ["fold", "fold"]
     assert part["key"] == [[orbits.BORDER_KINDS["fold"].color, "fold"]]
@@ -322,12 +322,12 @@ def test_a_quantity_is_shown_in_shades(cube):
 
 def test_values_that_differ_late_are_told_apart(cube):
     pair = cube.isel(f=[0, 0]).assign_coords(f=[0.6, 0.6000001])
-    assert CubeMap(pair).told()["fixed"]["f"]["values"] == ["0.6", "0.6000001"]
+    assert CubeMap(pair).description()["fixed"]["f"]["values"] == ["0.6", "0.6000001"]
 
 
 def test_points_that_are_no_grid_are_shown_over_any_two_of_their_parameters(sample):
     page = LivePage(sample)
-    told = page.map.told()
+    told = page.map.description()
     assert told["points"] and sorted(told["sides"]) == ["Gamma", "beta0", "f"]
     part = page.map.part({"right": "f", "up": "Gamma"})
     assert (part["x"]["at"], part["y"]["at"]) == ([15, 16, 20], [0.8, 0.91, 1.1])

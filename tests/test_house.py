@@ -5,7 +5,7 @@ import pytest
 from tests.checks import house
 
 # lines; where a change needs more, it says what for
-MOST_LINES = {"engine": 28_200, "analysis": 11_500}
+MOST_LINES = {"engine": 28_300, "analysis": 11_500}
 MOST_FLOORS = {"map": 6, "continuation": 7, "borders": 5, "slow": 4}
 MOST_TYPES = 60  # of orbits
 

@@ -10,7 +10,7 @@ from dimersweep import simulate
 from dimersweep.kernel.model.layout import ROW
 from dimersweep.parameters import Parameters, value_of
 from dimersweep.studies.sweep import study_of
-from dimersweep.symbols import BASE, ENDS, LEFT_OUT, PARAMETERS, Quantity, conditions, given, stated, symbol
+from dimersweep.symbols import BASE, ENDS, LEFT_OUT, PARAMETERS, Quantity, conditions, parameter_shown, stated, symbol
 from tests.checks.data import data
 
 jit = pytest.mark.jit
@@ -70,7 +70,7 @@ def test_unlike_ends_are_stated_each_and_like_ones_at_once(values, varied, told)
 def test_conditions_name_each_parameter_that_is_not_the_base_case_s(name):
     other = 1.25 * BASE[name] if BASE.get(name) else 0.3
     for tex in (False, True):
-        told = given(name, other, tex=tex).replace(" ", "\N{NO-BREAK SPACE}")
+        told = parameter_shown(name, other, tex=tex).replace(" ", "\N{NO-BREAK SPACE}")
         assert told in conditions(BASE | {name: other}, always=(), tex=tex).split(", ")
         assert told not in conditions(BASE | {name: other}, (name,), tex=tex)
     assert conditions(BASE, always=()) == ""

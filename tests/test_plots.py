@@ -16,7 +16,7 @@ from dimersweep.plots import FIGURES, MODE_COLORS, draw, drift_intervals, drift_
 from dimersweep.plots.style import Drawing, entitle, log_scale
 from dimersweep.studies.refine import refine
 from dimersweep.studies.search import search
-from dimersweep.symbols import given
+from dimersweep.symbols import parameter_shown
 from tests.checks import cubes
 
 
@@ -137,7 +137,9 @@ def test_a_run_names_all_that_is_not_the_base_case_s(tmp_path, monkeypatch):
         assert told in moving[0].replace("\N{NO-BREAK SPACE}", " ")
     page = run.animate(tmp_path / "a.html", periods=1, speed=1).read_text(encoding="utf-8")
     for text in (page, run._repr_html_()):
-        assert not [told for name in UNLIKE if (told := given(name, UNLIKE[name]).replace(" ", "\xa0")) not in text]
+        assert not [
+            told for name in UNLIKE if (told := parameter_shown(name, UNLIKE[name]).replace(" ", "\xa0")) not in text
+        ]
     begun = dimersweep.simulate(start={"beta": 0.2}, periods=2)
     assert "β(0)" not in begun.conditions()
     assert begun.conditions().endswith(", from a given state")

@@ -166,7 +166,7 @@ def test_a_store_is_mended_once_and_used_on(counted):
     cut_end()
     for trouble in (1, 0):
         with tile_store(Path("cube.nc"), SPEC.configuration(), SPEC.grid.size) as store:
-            assert len(store.trouble) == trouble
+            assert len(store.damage) == trouble
             store.add(made(100, 110)) if trouble else None
             store.flush()
             assert store.gaps()[-1] == Tile(110, 120) and len(store.gaps()) > 1
@@ -483,7 +483,7 @@ def test_what_is_read_is_what_was_added(monkeypatch):
         assert [row.start for row in store.summaries() if 40 <= row.start < 90] == [40, 60, 80]
         assert store.read(40, 90).tobytes() == whole.results[40:90].tobytes()
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
-        assert store.trouble == []
+        assert store.damage == []
 
 
 def test_any_client_of_sqlite_can_read_it():

@@ -158,7 +158,7 @@ def points_of(scene: Scene) -> int:
         from dimersweep.storage.tilestore import tile_store
 
         with tile_store(scene.cube, spec.configuration(), spec.grid.size, spec.kind) as store:
-            assert not store.trouble, store.trouble
+            assert not store.damage, store.damage
             print(sum(store.modes().values()))
 
     code = ended(forked(count, scene.folder / "told"))

@@ -37,16 +37,16 @@ class BorderMap(CubeMap):
         self.cube = frame.rename_axis("point").to_xarray().assign_attrs(table.attrs)
         self.cube["mode"] = column("point", words, "kind of border, or stability", self.labels)
         self.mode, self.dims, self.points, self.fixed, self.shown = self.cube["mode"], ["point"], True, [], ["mode"]
-        self.held = fixed_of(table)[0]
+        self.shared = fixed_of(table)[0]
 
     def parameters_at(self, point: xr.Dataset) -> dict[str, float]:
         """Return the parameters of a point without those of a start, since its orbit is the same for any start."""
         given = {name: point[name].item() for name in PARAMETERS if name in point}
-        return {name: value for name, value in (self.held | given).items() if name not in START}
+        return {name: value for name, value in (self.shared | given).items() if name not in START}
 
     def run(self, at: str) -> tuple[Run, dict[str, Any]]:
         """Return a run with the parameters of a point, and its settings."""
         row = self.cube.isel(point=place_of("point", at, self.mode.size))
         settings: dict[str, Any] = {"periods": 200, "rtol": 1e-8, "stop_when_settled": True}
         given: dict[str, Any] = {name: row[name].item() for name in PARAMETERS if name in row}
-        return simulate(**self.held | given, **settings), settings
+        return simulate(**self.shared | given, **settings), settings

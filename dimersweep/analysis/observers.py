@@ -33,9 +33,9 @@ class Sustained(Observer):
         """Return the switch of `sweep` that asks for this observer, and the version of results with orbits."""
         return {"sustained": True, "kernel_version": kernel_version(*ORBITS_CODE)}
 
-    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
+    def observe(self, runs: FinishedRuns, space: Workspace) -> None:
         """Compute the sustained spins of each point, and record their number and the attracting circle."""
-        for row, result in zip(ran.rows, ran.results, strict=True):
+        for row, result in zip(runs.rows, runs.results, strict=True):
             if is_stopped(space):
                 return
             try:  # without a guess from neighbours: numbers must not depend on how a grid is cut into tiles

@@ -12,7 +12,7 @@ from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Force, argument, number_option, option
 from dimersweep.cli.printing import Printer, telling
 from dimersweep.errors import ParameterError, unknown
-from dimersweep.symbols import ORBIT_NAMES, PARAMETERS, PICTURE_KINDS, QUANTITIES, given
+from dimersweep.symbols import ORBIT_NAMES, PARAMETERS, PICTURE_KINDS, QUANTITIES, parameter_shown
 
 # mark in the metadata of a picture, followed by the checksum of the cube that is drawn
 PICTURE_MARK = "dimersweep cube, configuration sha256 "
@@ -100,7 +100,7 @@ def plot(
             opened = _selected(opened, each)
         if opened.dimersweep.is_cube:
             print_cube(tell, opened)
-        draw_beside(tell, opened, picture, kind, quantity)
+        draw_marked(tell, opened, picture, kind, quantity)
 
 
 def explore(
@@ -147,7 +147,7 @@ def _selected(cube: "xr.Dataset", text: str) -> "xr.Dataset":
     return nearest(cube, name, value)
 
 
-def draw_beside(
+def draw_marked(
     tell: Printer, cube: "xr.Dataset", picture: Path, kind: str | None = None, quantity: str | None = None
 ) -> None:
     """Draw `cube` to a file that may be replaced, marked with the checksum of the cube, and print its path."""
@@ -166,7 +166,7 @@ def show_written(tell: Printer, cube: "xr.Dataset", out: Path, picture: Path | N
         return
     try:
         check_picture_of(cube.attrs["configuration_sha256"], picture, force=force)
-        draw_beside(tell, cube, picture)
+        draw_marked(tell, cube, picture)
     except Exception as error:
         warnings.warn(f"{picture}: was not drawn ({error})", RuntimeWarning, stacklevel=2)
 
@@ -187,7 +187,7 @@ def check_kind(declared: "Declaration", study: "Study") -> None:
     asked = {"search": declared.search, "paths": declared.paths, "strobes": sweep.strobes, "sustained": sweep.sustained}
     sizes = {name: values.size for name, values in study.grid.axes.items()}
     try:
-        check(kind, sizes, {feature for feature, given in asked.items() if given})
+        check(kind, sizes, {feature for feature, is_given in asked.items() if is_given})
     except ParameterError as error:
         raise ParameterError(f"plot.kind = {kind!r}: {error}; another kind, or --no-plot") from None
 
@@ -247,7 +247,7 @@ def print_cube(tell: Printer, cube: "xr.Dataset") -> None:
     lengths = drift_lengths(cube)
     name, rows = str(lengths.dims[0]), []
     for at, length in zip(lengths[lengths.dims[0]].values.tolist(), lengths.values.tolist(), strict=True):
-        tell(f"{given(name, at)}: initial dip angles that drift make up {length:.4f} rad in all")
+        tell(f"{parameter_shown(name, at)}: initial dip angles that drift make up {length:.4f} rad in all")
         rows.append({name: at, "length": length})
     tell(drift_lengths=rows)
 
@@ -261,7 +261,7 @@ def _print_loops(tell: Printer, cube: "xr.Dataset") -> None:
     for k in range(found.sizes["loop"]):
         loop = found.isel(loop=k)
         at = {str(name): loop[name].item() for name in loop.coords if name in PARAMETERS and found[name].ndim}
-        where = ", ".join(given(name, value) for name, value in at.items())
+        where = ", ".join(parameter_shown(name, value) for name, value in at.items())
         ends = " to ".join(_end(loop, which) for which in ("low", "high"))
         tell(f"{where + ': ' if where else ''}up and down differ from {axis} = {ends}")
         rows.append(at | {name: loop[name].item() for name in ("low", "low_error", "high", "high_error")})

@@ -13,7 +13,7 @@ import typer
 
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import WAVES
-from dimersweep.symbols import BASE, GIVEN, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, START, value_shown
+from dimersweep.symbols import ACCEPTED, BASE, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, START, value_shown
 
 OUTPUT, RUN = "Output", "Run"  # groups of options, beside those of `_group_of`
 
@@ -73,11 +73,11 @@ def parted(text: str, count: int, also: tuple[str, ...] = ()) -> tuple[str, Any]
     if text == "phi0=any" and count == 2:
         return name, values
     if name not in (*PARAMETERS, *also) or len(parts) != count:
-        ways = {
+        forms = {
             2: "NAME=LOW:HIGH, such as beta0=1deg:89deg, or phi0=any",
             3: "NAME=START:STOP:STEP, such as Gamma=0.8:1:0.05",
         }
-        raise ParameterError(f"{text!r}: must be {ways[count]}")
+        raise ParameterError(f"{text!r}: must be {forms[count]}")
     return name, parts
 
 
@@ -108,7 +108,7 @@ def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
     """Give `command` an option for each parameter of the model, in place of its ``**parameters``, and return it."""
     signature = inspect.signature(command)
     options = [parameter for parameter in signature.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
-    for name, quantity in GIVEN.items():  # values stay texts here: `Parameters`, which knows the units, reads them
+    for name, quantity in ACCEPTED.items():  # values stay texts here: `Parameters`, which knows the units, reads them
         either = quantity.units + {"rad": ", or 16deg", "m": ", or 2mm"}.get(quantity.units, "")
         units = "" if quantity.units == "1" else f" ({either})"
         meaning = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")

@@ -26,13 +26,13 @@ class Printer:
     """
 
     def __init__(self, json: bool, quiet: bool) -> None:
-        self.json, self.quiet, self.told = json, quiet, dict[str, Any]()
+        self.json, self.quiet, self.values = json, quiet, dict[str, Any]()
 
     def __call__(self, *lines: str, **values: Any) -> None:
         """Print lines, or keep the same content as `values` for the JSON object."""
         for line in lines if self.shown else ():
             typer.echo(line)
-        self.told |= values
+        self.values |= values
 
     def report_compiling(self) -> None:
         """Print on stderr that the kernel is compiled, if it has to be."""
@@ -49,7 +49,7 @@ class Printer:
     def rows(self, name: str, units: dict[str, str], rows: Iterable[tuple[Any, ...]]) -> None:
         """Print a table with columns named by `units`, in these units; in JSON each row is an object."""
         kept = [*rows]
-        self.told[name] = [dict(zip(units, row, strict=True)) for row in kept]
+        self.values[name] = [dict(zip(units, row, strict=True)) for row in kept]
         if self.shown:
             heads = [f"{head} [{unit}]" if unit else head for head, unit in units.items()]
             print_table(heads, [[_shown(cell) for cell in row] for row in kept])
@@ -59,7 +59,7 @@ class Printer:
         if self.json:
             from json import dumps, loads
 
-            typer.echo(dumps(loads(dumps(self.told), parse_constant=lambda constant: None), indent=1))
+            typer.echo(dumps(loads(dumps(self.values), parse_constant=lambda constant: None), indent=1))
 
 
 def _shown(cell: Any) -> str:
@@ -103,13 +103,13 @@ def telling(command: Callable[..., None]) -> Callable[..., None]:
     ]
 
     @wraps(command)
-    def told(*arguments: Any, json: bool, quiet: bool, **given: Any) -> None:
+    def with_printer(*arguments: Any, json: bool, quiet: bool, **given: Any) -> None:
         tell = Printer(json, quiet)
         with interruptible():
             command(tell, *arguments, **given)
         tell.end()
 
     parameters = [*list(signature.parameters.values())[1:], *options]
-    told.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    told.__annotations__ = {each.name: each.annotation for each in parameters}
-    return told
+    with_printer.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    with_printer.__annotations__ = {each.name: each.annotation for each in parameters}
+    return with_printer

@@ -172,8 +172,8 @@ def status(
     """Print how far the sweep for a cube has come, and whether a process is at work on it."""
     from dimersweep.studies.status import status, status_lines
 
-    told = status(out)
-    tell(*status_lines(told), **told)
+    state = status(out)
+    tell(*status_lines(state), **state)
 
 
 @telling
@@ -202,7 +202,7 @@ def presets(
 def warm(tell: Printer) -> None:
     """Compile the kernel, unless that was done before: for a job's prologue, or an image."""
     from dimersweep.kernel import kernel_version
-    from dimersweep.work.computing import settle_way
+    from dimersweep.work.computing import prepare_kernel
 
-    settle_way(progress=not tell.quiet)
+    prepare_kernel(progress=not tell.quiet)
     tell(f"kernel {kernel_version()}: is ready", kernel_version=kernel_version())

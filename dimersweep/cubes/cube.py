@@ -170,8 +170,8 @@ def finished(table: xr.Dataset, title: str) -> xr.Dataset:
     """
     for name in table.coords:
         table[name].encoding["_FillValue"] = None
-    told = {"Conventions": CONVENTIONS, "title": title, "source": SOURCE, "history": HISTORY}
-    return table.assign_attrs(told | table.attrs)
+    attributes = {"Conventions": CONVENTIONS, "title": title, "source": SOURCE, "history": HISTORY}
+    return table.assign_attrs(attributes | table.attrs)
 
 
 def build(grid: Grid, out: np.ndarray, codes: np.ndarray, attributes: Mapping[str, Any] | None = None) -> xr.Dataset:
@@ -257,22 +257,22 @@ def settings_in(configuration: Mapping[str, Any]) -> dict[str, float]:
     """
     late = configuration.get("search", {}).get("orbit_periods", 0)
     first = late or configuration["periods"]
-    told = {
+    settings = {
         "periods": first,
         "max_periods": late or configuration.get("max_periods", first),
         "rtol": configuration["rtol"],
         "stop_when_settled": int(configuration.get("stop_when_settled", True) and not late),
         "kernel": number_of(configuration["kernel_version"]),
     }
-    return told | ({"line": line_number(configuration)} if "direction" in configuration.get("grid", {}) else {})
+    return settings | ({"line": line_number(configuration)} if "direction" in configuration.get("grid", {}) else {})
 
 
-def number_of(told: str) -> int:
+def number_of(text: str) -> int:
     """Return a checksum of a text as a whole number of 31 bits.
 
     An integer of a classic file holds it, and so does a float of 64 bits.
     """
-    return crc32(told.encode()) % WRAP
+    return crc32(text.encode()) % WRAP
 
 
 def same_number(one: float, other: float) -> bool:
@@ -301,17 +301,17 @@ def signed(cube: xr.Dataset, configuration: Mapping[str, Any]) -> xr.Dataset:
     settings = {name: xr.Variable((), value) for name, value in settings_in(configuration).items()}
     cube = cube.assign_coords({name: labelled(each, SETTINGS[name]) for name, each in settings.items()})
     varied = [name for name in (*ROW, *SETTINGS) if name in cube.variables and cube.variables[name].ndim]
-    number = np.full(cube["mode"].shape, made_number(cube, varied))
+    number = np.full(cube["mode"].shape, settings_number(cube, varied))
     cube["made_with"] = variable("made_with", tuple(map(str, cube["mode"].dims)), number)
     cube["made_with"].attrs["varied"] = " ".join(varied)
     return cube
 
 
-def made_number(point: xr.Dataset, varied: Collection[str]) -> int:
+def settings_number(point: xr.Dataset, varied: Collection[str]) -> int:
     """Return the number of the parameters and settings of a point, but for the kernel and those in `varied`."""
     names = [name for name in (*ROW, *SETTINGS) if name in point.variables and name not in (*varied, "kernel")]
-    told = [(name, float(point.variables[name].values.item())) for name in names]
-    return number_of(json.dumps(told))
+    values = [(name, float(point.variables[name].values.item())) for name in names]
+    return number_of(json.dumps(values))
 
 
 def flatten(cube: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:

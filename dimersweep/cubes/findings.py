@@ -17,7 +17,7 @@ from dimersweep.parameters import Parameters, dimer_from
 from dimersweep.symbols import BASE, PARAMETERS
 
 # relative distance within which a value is that of a point: units that are converted leave round-off of some 1e-16
-AS_GIVEN = 1e-12
+SAME_VALUE = 1e-12
 # points on each side of a minimum that the spline goes through: two or three are left of them in the coarser grids
 VALLEY = 5
 
@@ -63,7 +63,7 @@ def nearest(cube: xr.Dataset, name: str, value: Any) -> xr.Dataset:
     if not values.size:
         raise ParameterError(f"{name}: the axis is empty")
     edges = edges_of(values) if values.size > 1 else values.repeat(2)
-    if not edges[0] <= wanted <= edges[-1] and not np.isclose(wanted, values, rtol=AS_GIVEN, atol=0).any():
+    if not edges[0] <= wanted <= edges[-1] and not np.isclose(wanted, values, rtol=SAME_VALUE, atol=0).any():
         units = "" if PARAMETERS[name].units == "1" else f" {PARAMETERS[name].units}"
         allowed = f"lie on the axis, {values[0]:g} to {values[-1]:g}" if values.size > 1 else f"be {values[0]:g}"
         raise ParameterError(f"{name} = {wanted:g}: must {allowed}{units}")

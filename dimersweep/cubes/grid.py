@@ -100,11 +100,11 @@ def _from_declaration(name: str, declared: Mapping[str, Any]) -> np.ndarray:
     units = PARAMETERS[name].units
     spacing = given.pop("spacing", "linear")
     ends = {each: given.get(each) for each in ("start", "stop", "step")}
-    told = {each: size_and_unit(str(end)) for each, end in ends.items() if isinstance(end, str | int | float)}
-    own = {unit for number, unit in told.values() if number != 0}
+    sizes = {each: size_and_unit(str(end)) for each, end in ends.items() if isinstance(end, str | int | float)}
+    own = {unit for number, unit in sizes.values() if number != 0}
     # all numbers have one and the same unit: steps are even in this unit, and exact in its decimals
     if "unit" not in given and len(own - {""}) == len(own) == 1:
-        given |= {each: number for each, (number, _) in told.items()} | {"unit": own.pop()}
+        given |= {each: number for each, (number, _) in sizes.items()} | {"unit": own.pop()}
     unit = given.pop("unit", units)
     size = size_of(f"{name}.unit", unit, unit, units)
     read: Reader = partial(as_number, units=unit)
@@ -332,9 +332,9 @@ def laid_out(
             raise ParameterError(f"{name}: given twice, as an axis and as a fixed value")
     check_effect({*varied, *given})
     values = {name: read(name, each) for name, each in varied.items()}
-    held = fixed_values(values, given)
-    check(held | values, gaps)
-    return values, held
+    constant = fixed_values(values, given)
+    check(constant | values, gaps)
+    return values, constant
 
 
 def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> dict[str, float]:
@@ -342,12 +342,12 @@ def fixed_values(varied: Mapping[str, np.ndarray], fixed: Mapping[str, Any]) -> 
 
     What differs from end to end is given by its values at the ends, so that the same points have the same description.
     """
-    held = {name: fixed_value(name, value) for name, value in (BASE | dict(fixed)).items() if name not in varied}
+    constant = {name: fixed_value(name, value) for name, value in (BASE | dict(fixed)).items() if name not in varied}
     for both, ends in ENDS.items():
-        if both in held and {*ends} & {*varied, *fixed}:
-            value = held.pop(both)
-            held = {end: value for end in ends if end not in varied} | held
-    return held
+        if both in constant and {*ends} & {*varied, *fixed}:
+            value = constant.pop(both)
+            constant = {end: value for end in ends if end not in varied} | constant
+    return constant
 
 
 def make_grid(
@@ -408,7 +408,7 @@ def make_points(table: Any, fixed: Mapping[str, Any] | None = None) -> Grid:
     check_labels(given)
     if not given:
         raise ParameterError("points: has no column; give at least one parameter that varies")
-    columns, held = laid_out(given, fixed, _column, gaps=PARAMETERS)
+    columns, constant = laid_out(given, fixed, _column, gaps=PARAMETERS)
     lengths = {name: values.size for name, values in columns.items()}
     n, *others = set(lengths.values())
     if others:
@@ -416,23 +416,23 @@ def make_points(table: Any, fixed: Mapping[str, Any] | None = None) -> Grid:
         raise ParameterError(f"points: the columns differ in length ({counts})")
     if not 1 <= n <= MAX_POINTS:
         raise ParameterError(f"points: {n} of them; must be 1 to {MAX_POINTS}")
-    kept = np.broadcast_to(keeps_rules(held | columns), n)
+    kept = np.broadcast_to(keeps_rules(constant | columns), n)
     if not kept.all():
         first = int(np.argmin(kept))
         try:
-            check(held | {name: values[first] for name, values in columns.items()})
+            check(constant | {name: values[first] for name, values in columns.items()})
         except ParameterError as error:
             raise ParameterError(f"point {first}: {error}") from None
-    return Grid({"point": np.arange(n)}, held, columns)
+    return Grid({"point": np.arange(n)}, constant, columns)
 
 
 def _columns(table: Any) -> dict[str, Any]:
     """Return the columns of a table by name: of a dataset, its parameters of one dimension; of a mapping, all."""
     if hasattr(table, "data_vars"):
-        told = {str(name): each for name, each in table.variables.items() if name in PARAMETERS}
+        parameters = {str(name): each for name, each in table.variables.items() if name in PARAMETERS}
         if "mode" in table:  # a cube has parameters that follow from others, too: they are left out
-            told = reduced(told)
-        return {name: each for name, each in told.items() if each.ndim == 1}
+            parameters = reduced(parameters)
+        return {name: each for name, each in parameters.items() if each.ndim == 1}
     if hasattr(table, "items"):
         columns = [(str(name), values) for name, values in table.items()]
         names = [name for name, _ in columns]
@@ -469,5 +469,5 @@ def check_fits(grid: Grid, *, by_blocks: bool) -> None:
         If the grid has too many points.
     """
     if grid.size > MAX_POINTS:
-        way_out = " (an output that ends in .zarr is not held in memory)" if by_blocks else ""
-        raise ParameterError(f"grid: {grid.size} points; one cube in memory may hold {MAX_POINTS}{way_out}")
+        remedy = " (an output that ends in .zarr is not held in memory)" if by_blocks else ""
+        raise ParameterError(f"grid: {grid.size} points; one cube in memory may hold {MAX_POINTS}{remedy}")

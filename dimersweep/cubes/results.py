@@ -213,8 +213,8 @@ def not_ok(codes: np.ndarray) -> np.ndarray:
 def why_failed(result: np.void) -> str:
     """Return the status of a failed point, and what it means or the error of the observer."""
     status = int(result["codes"][CODE_STATUS])
-    told = bytes(result["observer_error"]).decode() if status == OBSERVER_FAILED else POINT_MESSAGES[status]
-    return f"{POINT_STATUSES[status]}: {told}"
+    reason = bytes(result["observer_error"]).decode() if status == OBSERVER_FAILED else POINT_MESSAGES[status]
+    return f"{POINT_STATUSES[status]}: {reason}"
 
 
 def tally(codes: np.ndarray) -> dict[str, int]:

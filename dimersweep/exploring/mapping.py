@@ -17,7 +17,7 @@ from dimersweep.kernel.model.layout import MODES
 from dimersweep.parameters import completed
 from dimersweep.plots.style import MODE_COLORS, MODE_LABELS, fixed_of, label, with_units
 from dimersweep.plots.view import as_shown
-from dimersweep.runs.behind import behind, parameters_of
+from dimersweep.runs.point_source import parameters_of, source_of
 from dimersweep.runs.run import Run
 from dimersweep.symbols import is_angle, units_shown
 
@@ -64,7 +64,7 @@ class CubeMap:
         self.shown = ["mode", *(name for name, each in columns.items() if each.dtype.kind == "f")]
         self.colors, self.labels = [*MODE_COLORS.values()], [MODE_LABELS[word] for word in MODES]
 
-    def told(self) -> dict[str, Any]:
+    def description(self) -> dict[str, Any]:
         """Return the description of the map for a page: its axes, the values of the other axes, and its variables."""
         values = {name: self.cube[name] for name in self.fixed}
         words = {
@@ -92,41 +92,41 @@ class CubeMap:
         fixed = {name: place_of(name, asked.get(name, "0"), self.mode.sizes[name]) for name in self.fixed}
         x, y = self.axes[-1], self.axes[-2] if len(self.axes) > 1 else ""
         if self.points and y:
-            x, y = (one_of(way, asked.get(way, name), self.axes) for way, name in (("right", x), ("up", y)))
+            x, y = (one_of(side, asked.get(side, name), self.axes) for side, name in (("right", x), ("up", y)))
         dims = ["point"] if self.points else [name for name in (y, x) if name]
         part = self.cube.isel(fixed).transpose(*dims, ...)
         values, modes = part[shown].values.ravel(), names(part["mode"]).values.ravel().tolist()
-        told: dict[str, Any] = {"modes": modes, "dims": dims}
-        for way, name in (("x", x), ("y", y)):
+        data: dict[str, Any] = {"modes": modes, "dims": dims}
+        for side, name in (("x", x), ("y", y)):
             along = self.cube[name].values if name else np.array([0.5])
             along = np.rad2deg(along) if is_angle(name) else along
-            told[way] = {"name": name, "label": name and label_of(name), "at": along.tolist()}
-            told[way]["log"] = bool(name) and not self.points and is_geometric(along)
-            told[way]["edges"] = [along.min(), along.max()] if self.points else edges_of(along).tolist()
-        told["held"] = self._held(part, dims)
+            data[side] = {"name": name, "label": name and label_of(name), "at": along.tolist()}
+            data[side]["log"] = bool(name) and not self.points and is_geometric(along)
+            data[side]["edges"] = [along.min(), along.max()] if self.points else edges_of(along).tolist()
+        data["held"] = self._shared(part, dims)
         if shown == "mode":
-            told["key"] = [[self.colors[code], self.labels[code]] for code in np.unique(self.mode.values)]
-            told["colors"] = np.array(self.colors)[values].tolist()
-            return told
+            data["key"] = [[self.colors[code], self.labels[code]] for code in np.unique(self.mode.values)]
+            data["colors"] = np.array(self.colors)[values].tolist()
+            return data
         whole = self.cube[shown].values
         finite = whole[np.isfinite(whole)]
         low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
         # the scale is that of the whole cube, so that colours mean the same in each part
         share = (values - low) / ((high - low) or 1.0)
-        told["colors"] = np.where(
+        data["colors"] = np.where(
             np.isfinite(share), SHADES[np.nan_to_num(255 * np.clip(share, 0, 1)).astype(int)], ""
         ).tolist()
-        told["values"] = [f"{value:.6g}" if np.isfinite(value) else "none" for value in values]
+        data["values"] = [f"{value:.6g}" if np.isfinite(value) else "none" for value in values]
         units = units_shown(self.cube[shown].attrs.get("units", "1"))
-        told["bar"] = {"ends": [f"{low:.4g}", f"{high:.4g}"], "label": with_units(shown.replace("_", " "), units)}
-        told["bar"]["shades"] = SHADES[::51].tolist()  # 255 / 51: six shades from end to end
-        return told
+        data["bar"] = {"ends": [f"{low:.4g}", f"{high:.4g}"], "label": with_units(shown.replace("_", " "), units)}
+        data["bar"]["shades"] = SHADES[::51].tolist()  # 255 / 51: six shades from end to end
+        return data
 
     def parameters_at(self, point: xr.Dataset) -> dict[str, float]:
         """Return the parameters of the run behind a point."""
         return parameters_of(point)
 
-    def _held(self, part: xr.Dataset, dims: list[str]) -> dict[str, str]:
+    def _shared(self, part: xr.Dataset, dims: list[str]) -> dict[str, str]:
         """Return the parameters that all points of a part share, as texts: only runs with these lie on the map."""
         # points at opposite ends of all axes differ in every parameter that varies along an axis
         places = {0, -1}
@@ -147,7 +147,7 @@ class CubeMap:
             raise ParameterError(f"at = {at}: must have a place along each of {', '.join(self.dims)}")
         where = {name: place_of(name, at, self.mode.sizes[name]) for name, at in zip(self.dims, places, strict=True)}
         point = self.cube.isel(where)
-        run, how = point.dimersweep.run(), behind(point).how
+        run, how = point.dimersweep.run(), source_of(point).how
         periods = max(how.periods, run.n_periods)
         return run, {"periods": periods, "rtol": how.rtol, "stop_when_settled": how.stop_when_settled}
 

@@ -11,7 +11,7 @@ from dimersweep.inputs import as_number, check_count, check_rtol, size_and_unit
 from dimersweep.parameters import USUAL, broken, check_effect, check_name, completed, instead_of, spelt_out, updated
 from dimersweep.plots.view import USUAL_SPEED, as_shown, filled, seen, stretch_of
 from dimersweep.runs.simulating import simulate
-from dimersweep.symbols import BASE, GIVEN, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, symbol, units_of
+from dimersweep.symbols import ACCEPTED, BASE, HIGHER, INSTEAD, LEFT_OUT, PARAMETERS, symbol, units_of
 
 SECONDS = 10.0  # longest run that a page waits for
 SETTINGS_SHOWN = {
@@ -38,9 +38,9 @@ def _field(name: str) -> dict[str, Any]:
     """Return the description of the field of a parameter, or of a quantity that may stand in its place."""
     value = BASE.get(name, LEFT_OUT.get(name, ""))
     usual = as_shown(name, value) if isinstance(value, float) else value and f"= {symbol(value)}"
-    told = {"name": name, "label": symbol(name), "unit": units_of(name), "says": GIVEN[name].long_name}
+    field = {"name": name, "label": symbol(name), "unit": units_of(name), "says": ACCEPTED[name].long_name}
     shown = {"group": INSTEAD.get(name, (name,))[0], "range": SLIDERS.get(name), "higher": name in HIGHER}
-    return told | {"base": usual if name in BASE else "", "usual": usual} | shown
+    return field | {"base": usual if name in BASE else "", "usual": usual} | shown
 
 
 class LivePage:
@@ -56,13 +56,13 @@ class LivePage:
             for name, (usual, says) in SETTINGS_SHOWN.items()
         ]
         fields = [_field(name) for name in dict.fromkeys((*SLIDERS, *INSTEAD, *PARAMETERS))]
-        told = {
+        data = {
             "fields": [*fields, *settings],
             "stretch": SHOWN_STRETCH,
-            "map": self.map and self.map.told(),
+            "map": self.map and self.map.description(),
             "speed": USUAL_SPEED,
         }
-        return filled(told, "dimersweep explore", CONTROLS.read_text(encoding="utf-8"))
+        return filled(data, "dimersweep explore", CONTROLS.read_text(encoding="utf-8"))
 
     def run(self, asked: dict[str, str]) -> dict[str, Any]:
         """Return the drawing of a run, see `seen`: of the fields of the page, or of the point `at` of the cube.
@@ -81,9 +81,9 @@ class LivePage:
             settings = {name: given.pop(name, usual) for name, (usual, _) in SETTINGS_SHOWN.items()}
             settings["stop_when_settled"] = True
             run = simulate(**given, **settings, max_seconds=SECONDS)
-        told = seen(run, stretch_of(run, stretch, last=shown == "end"), settings)
+        drawing = seen(run, stretch_of(run, stretch, last=shown == "end"), settings)
         known = completed(run.parameters)
-        return told | {
+        return drawing | {
             "at": at,
             "settings": {name: f"{settings[name]:g}" for name in SETTINGS_SHOWN},
             "place": {name: as_shown(name, value) for name, value in (known | instead_of(known)).items()},
@@ -99,7 +99,7 @@ def _read(fields: dict[str, str]) -> dict[str, Any]:
             values[name] = _value(name, text)
         except ParameterError as error:
             wrong.append(str(error))
-    given = {name: value for name, value in values.items() if name in GIVEN}
+    given = {name: value for name, value in values.items() if name in ACCEPTED}
     known = {name: value for name, value in BASE.items() if name not in fields}
     wrong += broken(updated(known, {name: value for name, value in given.items() if name in PARAMETERS}))
     try:
@@ -123,4 +123,4 @@ def _value(name: str, text: str) -> Any:
         return check_count(name, int(size) if size is not None and size.is_integer() and not unit else text)
     if name not in INSTEAD:
         check_name(name)
-    return as_number(name, text if unit or size is None else f"{text} {units_of(name)}", GIVEN[name].units)
+    return as_number(name, text if unit or size is None else f"{text} {units_of(name)}", ACCEPTED[name].units)

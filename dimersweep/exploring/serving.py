@@ -93,7 +93,7 @@ class _Answer(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         path, _, query = self.path.partition("?")
-        ways = {"/run": self.page.run} | ({"/map": self.page.map.part} if self.page.map else {})
+        handlers = {"/run": self.page.run} | ({"/map": self.page.map.part} if self.page.map else {})
         host = self.headers.get("Host", "")
         # a page of another site, whose name was made to lead to this machine, sends that name as the host
         if re.sub(r":\d*$", "", host).lower() not in OWN_HOSTS:
@@ -101,8 +101,8 @@ class _Answer(BaseHTTPRequestHandler):
             self._send(403, "text/html", ELSEWHERE.read_text(encoding="utf-8").format(**words))
         elif path == "/":
             self._send(200, "text/html", self.page.html())
-        elif path in ways:
-            self._send(200, "application/json", _as_json(ways[path], dict(parse_qsl(query))))
+        elif path in handlers:
+            self._send(200, "application/json", _as_json(handlers[path], dict(parse_qsl(query))))
         else:
             self._send(404, "text/html", f'<p>{escape(one_line(path))}: no such page; there is <a href="/">one</a>.')
 
@@ -117,18 +117,22 @@ class _Answer(BaseHTTPRequestHandler):
     def _send(self, code: int, kind: str, content: str, **headers: str) -> None:
         body = content.encode()
         self.send_response(code)
-        told = {"Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(body)), "Cache-Control": "no-store"}
-        for name, value in (told | headers).items():
+        standard = {
+            "Content-Type": f"{kind}; charset=utf-8",
+            "Content-Length": str(len(body)),
+            "Cache-Control": "no-store",
+        }
+        for name, value in (standard | headers).items():
             self.send_header(name, value)
         self.end_headers()
         if self.command != "HEAD":
             self.wfile.write(body)
 
 
-def _as_json(way: Any, asked: dict[str, str]) -> str:
-    """Return the answer of a handler `way` to a request as JSON, or the error message of a bad request."""
+def _as_json(handler: Any, asked: dict[str, str]) -> str:
+    """Return the answer of a handler to a request as JSON, or the error message of a bad request."""
     try:
-        return json.dumps(way(asked))
+        return json.dumps(handler(asked))
     except UserError as error:
         return json.dumps({"error": str(error)})
 

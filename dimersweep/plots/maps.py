@@ -15,18 +15,18 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.checking import check_cube
 from dimersweep.plots.style import (
+    DIRECTION_MARKERS,
     MODE_COLORS,
     MODE_LABELS,
-    WAY_MARKERS,
     Board,
     Look,
     face,
     fixed_of,
     framed,
-    given,
     label,
     mark,
     mode_colors,
+    parameter_shown,
     percent,
     row_colors,
     spread,
@@ -111,7 +111,7 @@ def _map(cube: xr.Dataset, quantity: str, look: Look) -> Figure:
     if "direction" in values.dims:  # first, so that each direction has its panels
         values = values.transpose("direction", ...)
     if quantity != "mode" and values.dims[:-1] == ("direction",):
-        return _curves_each_way(cube, values, quantity, look)
+        return _curves_by_direction(cube, values, quantity, look)
     board, parts = _panels(cube, values, look)
     how = _shades(values.values)
     for axes, part in parts:
@@ -145,17 +145,22 @@ def _explain(board: Board, values: xr.DataArray, drawn: Any, more: str = "") -> 
         board.figure.colorbar(drawn, ax=board.axes, label=label(str(values.name), own=values.attrs) + more)
 
 
-def _curves_each_way(cube: xr.Dataset, values: xr.DataArray, quantity: str, look: Look) -> Figure:
+def _curves_by_direction(cube: xr.Dataset, values: xr.DataArray, quantity: str, look: Look) -> Figure:
     """Draw a quantity over one axis, once for each direction in which the state was carried.
 
     The curve going down is thinner and lies on top, so that both are seen where they are equal.
     """
     name = str(values.dims[-1])
     board, axes = framed(look, cube, (7.5, 3.2))
-    for way in values:
-        k = int(way["direction"])
-        how = {"marker": WAY_MARKERS[k], "markersize": (7, 4)[k], "linewidth": (3, 1)[k], "color": row_colors(2)[k]}
-        axes.plot(way[name], way, label=given("direction", k), **how)
+    for curve in values:
+        k = int(curve["direction"])
+        how = {
+            "marker": DIRECTION_MARKERS[k],
+            "markersize": (7, 4)[k],
+            "linewidth": (3, 1)[k],
+            "color": row_colors(2)[k],
+        }
+        axes.plot(curve[name], curve, label=parameter_shown("direction", k), **how)
     _scale(axes, values.isel(direction=0))
     mark(axes.xaxis, name)
     axes.set_ylabel(label(quantity, own=values.attrs))
@@ -208,7 +213,7 @@ def _panels(cube: xr.Dataset, values: xr.DataArray, look: Look) -> tuple[Board, 
         axes.set_axis_off()
     parts = [values.isel(dict(zip(leading, place, strict=True))) for place in places]
     for number, (axes, part) in enumerate(zip(grid.flat, parts, strict=False)):
-        axes.set_title(", ".join(given(name, part[name].item()) for name in leading), fontsize="small")
+        axes.set_title(", ".join(parameter_shown(name, part[name].item()) for name in leading), fontsize="small")
         if number >= len(places) - columns:
             mark(axes.xaxis, str(part.dims[-1]))
             axes.tick_params(labelbottom=True)

@@ -16,7 +16,7 @@ from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import MODES
 from dimersweep.plots.checking import check_cube
 from dimersweep.plots.maps import colors_of
-from dimersweep.plots.style import MODE_LABELS, Look, face, framed, given, ink, mark, mode_colors, row_colors
+from dimersweep.plots.style import MODE_LABELS, Look, face, framed, ink, mark, mode_colors, parameter_shown, row_colors
 from dimersweep.symbols import symbol
 
 # rows of the picture, by quantity: label, and factor to the unit that is shown
@@ -68,7 +68,7 @@ def segments(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
             cube["beta0"].values[place], which, "|", color=ink(), label="mode unsure, or another one near"
         )
         board.legend("lower center", [shown] if which.size else [], fontsize="small")
-    axes.set_yticks(range(lengths.size), [given(str(name), value) for value in lengths[name].values])
+    axes.set_yticks(range(lengths.size), [parameter_shown(str(name), value) for value in lengths[name].values])
     axes.set_ylim(-0.6, lengths.size - 0.4)
     axes.grid(axis="x", alpha=0.3)
     _dip_axis(axes, *dip_range(cube["beta0"].values))
@@ -169,21 +169,23 @@ def bifurcation(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         present = ", ".join(map(str, mode.dims))
         raise ParameterError(f"bifurcation: has axes {present}; needs one: select values of others")
     (name,) = axes
-    ways = [cube.isel(direction=k) for k in range(cube.sizes["direction"])] if "direction" in mode.dims else [cube]
-    size, shared = (2.6 + 3.8 * len(ways), 7.0), {"sharex": True, "sharey": "row", "squeeze": False}
+    directions = (
+        [cube.isel(direction=k) for k in range(cube.sizes["direction"])] if "direction" in mode.dims else [cube]
+    )
+    size, shared = (2.6 + 3.8 * len(directions), 7.0), {"sharex": True, "sharey": "row", "squeeze": False}
     heading = "At the start of each forcing period\n"
-    board, rows = framed(look, cube, size, heading, nrows=len(STROBES), ncols=len(ways), **shared)
-    for panels, way in zip(rows.T, ways, strict=True):
-        _strobes(panels, way, name)
+    board, rows = framed(look, cube, size, heading, nrows=len(STROBES), ncols=len(directions), **shared)
+    for panels, direction in zip(rows.T, directions, strict=True):
+        _strobes(panels, direction, name)
         mark(panels[-1].xaxis, name)
         if "direction" in mode.dims:
-            panels[0].set_title(given("direction", way["direction"].item()), fontsize="medium")
+            panels[0].set_title(parameter_shown("direction", direction["direction"].item()), fontsize="medium")
     for panel, (label, _) in zip(rows[:, 0], STROBES.values(), strict=True):
         panel.set_ylabel(label)
     dot: dict[str, Any] = {"marker": "o", "linestyle": ""}
     found = [MODES[code] for code in np.unique(mode.values)]
     handles = [Line2D([], [], color=mode_colors()[word], label=MODE_LABELS[word], **dot) for word in found]
-    board.legend("lower center", handles, ncols=2 * len(ways))
+    board.legend("lower center", handles, ncols=2 * len(directions))
     return board.done()
 
 

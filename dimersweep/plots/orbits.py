@@ -14,7 +14,7 @@ from dimersweep.cubes.findings import circle_through, edges_of, exponents, minim
 from dimersweep.errors import ParameterError
 from dimersweep.kernel.model.layout import DI_ENDS, M_DRIFT, M_NOT_RUN
 from dimersweep.plots.checking import check_cube
-from dimersweep.plots.style import Look, face, framed, given, ink, label, log_scale, mark, row_colors, spread
+from dimersweep.plots.style import Look, face, framed, ink, label, log_scale, mark, parameter_shown, row_colors, spread
 
 # colours of the ends of a double impact
 END_COLORS = {
@@ -64,7 +64,7 @@ def paths(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         if not np.isfinite(x).all():
             continue
         a, b, radius = circle_through(x[x.size // 20 :], y[y.size // 20 :])
-        text = f"{given(name, value)}: $R$ = {radius:.3f} m"
+        text = f"{parameter_shown(name, value)}: $R$ = {radius:.3f} m"
         whole.plot(x - a, y - b, color=color, linewidth=0.8, label=text)
         piece = slice(-4 * per_period - 1, None)  # the last four periods
         cycles = cube["cycle"].values[piece] - cube["cycle"].values[piece][0]
@@ -117,7 +117,7 @@ def _trend(axes: Axes, cube: xr.Dataset, quantity: str, name: str, other: str) -
     x, values, chosen = cube[name].values - shift, _drifting(cube, quantity), spread(cube.sizes[other], CURVES)
     for color, k in zip(row_colors(chosen.size), chosen, strict=True):
         curve = values.isel({other: k}).transpose(name).values
-        axes.plot(x, curve, "o-", color=color, markersize=3, label=given(other, cube[other].values[k]))
+        axes.plot(x, curve, "o-", color=color, markersize=3, label=parameter_shown(other, cube[other].values[k]))
     if quantity == "zeta":
         axes.axhline(np.pi / 2, color=ink(), linewidth=0.8, linestyle=":")
         axes.set_xlabel(f"${base}$" + (" [Hz]" if name == "f" else ""))
@@ -169,7 +169,7 @@ def least_period(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         period, zeta = (_drifting(one, name).values for name in ("period", "zeta"))
         low = minimum(speeds, period)
         text = low.words("s", "m/s")
-        name = given("A_r", A_r) + ("" if low.located else f": {text}")
+        name = parameter_shown("A_r", A_r) + ("" if low.located else f": {text}")
         left.plot(speeds, period, "o-", color=color, markersize=2.5, linewidth=1, label=name)
         right.plot(speeds, zeta, "o-", color=color, markersize=2.5, linewidth=1)
         if low.located:
@@ -217,7 +217,7 @@ def impact_ends(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
         axes.pcolormesh(x, y, ends.values, cmap=colors, vmin=-0.5, vmax=len(END_COLORS) + 0.5)
         line = stick_ratio(float(A_r), **body)
         axes.axvline(line, color=ink(), linestyle="--", linewidth=1)
-        axes.set_title(f"{given('A_r', A_r)}, $\\bar\\mu$ = {line:.3f}", fontsize="medium")
+        axes.set_title(f"{parameter_shown('A_r', A_r)}, $\\bar\\mu$ = {line:.3f}", fontsize="medium")
         axes.set(xlabel=label("mu"), ylabel=label("mu_s"))
         axes.label_outer()
     found = sorted(set(np.unique(names(cube["di_end"]))), key=DI_ENDS.index)
@@ -252,7 +252,12 @@ def shares(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     share = runs_of(cube, "drift") / cube["n_runs"]
     for color, value in zip(row_colors(cube.sizes[other]), cube[other].values, strict=True):
         axes.plot(
-            cube[name], 100 * share.sel({other: value}), "o-", color=color, markersize=3, label=given(other, value)
+            cube[name],
+            100 * share.sel({other: value}),
+            "o-",
+            color=color,
+            markersize=3,
+            label=parameter_shown(other, value),
         )
     mark(axes.xaxis, name)
     axes.set(ylabel="initial dip angles that drift [%]", ylim=(0, None))
@@ -332,7 +337,7 @@ def walks(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     board, (left, right) = framed(look, cube, (11, 4.6), "Tracks of the centre of mass\n", ncols=2)
     words, colors = names(cube["track"]).values, row_colors(cube.sizes[name])
     for k, value in enumerate(cube[name].values):
-        text = f"{given(name, value)}: {words[k]}"
+        text = f"{parameter_shown(name, value)}: {words[k]}"
         left.plot(cube["x"].values[k], cube["y"].values[k], color=colors[k], linewidth=0.8, label=text)
     board.legend("right center", left.lines, fontsize="small")
     left.plot(0, 0, "o", color=ink(), markersize=3)

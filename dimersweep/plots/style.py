@@ -46,8 +46,8 @@ MODE_LABELS = {word: word for word in MODE_COLORS} | {
     "slides": "slides: both ends down, slipping",
 }
 ROW_COLORS = ("#1f4fd8", "#d62728", "#000000", "#009e73", "#dd99cc", "#e69f00")  # the first three are the paper's
-WAYS = tuple(f"going {word}" for word in DIRECTIONS)  # words for the directions in which a state was carried
-WAY_MARKERS = (">", "<")
+DIRECTION_WORDS = tuple(f"going {word}" for word in DIRECTIONS)  # words for the directions in which a state was carried
+DIRECTION_MARKERS = (">", "<")
 PICTURES = (".png", ".pdf", ".svg")
 DPI = 200  # resolution of a PNG, and of images in other files [dots per inch]
 # TrueType fonts, which journals take; in SVG text stays text
@@ -120,8 +120,8 @@ class Board:
                     return
                 legend.remove()
         elif handles:
-            beside = {"loc": "upper left", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0, "ncols": 1}
-            self.given.legend(handles=handles, **how | beside)
+            right = {"loc": "upper left", "bbox_to_anchor": (1.02, 1.0), "borderaxespad": 0, "ncols": 1}
+            self.given.legend(handles=handles, **how | right)
 
     def done(self, above: float = 6.0) -> Figure:
         """Finish the picture and return its figure; a title stands `above` a given Axes by that distance [pt]."""
@@ -206,9 +206,9 @@ def row_colors(n: int) -> list[Any]:
     return [colormaps["viridis"](k / (n - 1)) for k in range(n)]
 
 
-def given(name: str, value: float) -> str:
+def parameter_shown(name: str, value: float) -> str:
     """Return a parameter and its value, such as f = 15 Hz, with its symbol in TeX; or a direction in words."""
-    return WAYS[int(value)] if name == "direction" else symbols.given(name, value, tex=True)
+    return DIRECTION_WORDS[int(value)] if name == "direction" else symbols.parameter_shown(name, value, tex=True)
 
 
 def with_units(text: str, units: str) -> str:
@@ -249,7 +249,7 @@ def mark(axis: Axis, name: str) -> None:
     carried has words as ticks.
     """
     if name == "direction":
-        axis.set_ticks(range(len(WAYS)), labels=WAYS)
+        axis.set_ticks(range(len(DIRECTION_WORDS)), labels=DIRECTION_WORDS)
         return
     axis.set_label_text(label(name))
     if is_angle(name):
@@ -284,8 +284,8 @@ def log_scale(axes: Axes) -> None:
 
 def fixed_of(cube: xr.Dataset) -> tuple[dict[str, float], list[str]]:
     """Return the parameters that have one value all over a cube, and the names of the others."""
-    told = reduced({name: cube[name].variable for name in PARAMETERS if name in cube.coords and cube[name].size})
-    columns = {name: values.values.ravel() for name, values in told.items()}
+    parameters = reduced({name: cube[name].variable for name in PARAMETERS if name in cube.coords and cube[name].size})
+    columns = {name: values.values.ravel() for name, values in parameters.items()}
     varied = [name for name, values in columns.items() if (values != values[0]).any()]
     return {name: float(values[0]) for name, values in columns.items() if name not in varied}, varied
 

@@ -94,8 +94,8 @@ def written(run: SeenRun, settings: Mapping[str, Any]) -> dict[str, str]:
     begun = getattr(run, "start", None)
     if begun is not None:
         values = {"start": begun} | {name: value for name, value in values.items() if name not in START}
-    told = ", ".join(f"{name}={value!r}" for name, value in {**values, **settings}.items())
-    python = f"import dimersweep\n\nrun = dimersweep.simulate({told})\nprint(run, run.orbit, sep='\\n')\n"
+    arguments = ", ".join(f"{name}={value!r}" for name, value in {**values, **settings}.items())
+    python = f"import dimersweep\n\nrun = dimersweep.simulate({arguments})\nprint(run, run.orbit, sep='\\n')\n"
     if begun is not None:
         return {"Python": python}
     options = values | {name: settings[name] for name in ("periods", "rtol") if name in settings}
@@ -117,14 +117,14 @@ def _exact(name: str, value: float) -> float | str:
     return text if text and number(name, text) == value else value
 
 
-def filled(told: Mapping[str, Any], title: str, beside: str = "") -> str:
-    """Return the page with the data `told` and the title, and with the HTML `beside` next to its pictures.
+def filled(content: Mapping[str, Any], title: str, html: str = "") -> str:
+    """Return the page with a title, with the data `content`, and with `html` next to its pictures.
 
     Nothing in the data is markup.
     """
     look = {"balls": BALLS, "rod": ROD, "marks": MARKS}
-    data = json.dumps({"look": look, **told}, allow_nan=False).replace("<", "\\u003c")
-    page = PAGE.read_text(encoding="utf-8").replace("<!-- beside -->", beside)
+    data = json.dumps({"look": look, **content}, allow_nan=False).replace("<", "\\u003c")
+    page = PAGE.read_text(encoding="utf-8").replace("<!-- beside -->", html)
     return page.replace("<!-- title -->", escape(title)).replace('"told"', data)
 
 

@@ -15,8 +15,8 @@ from dimersweep.extensions import ATTRACTORS, ORBITS_CODE, TABLE_PICTURES, load
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version
 from dimersweep.kernel.model.layout import M_DRIFT
-from dimersweep.runs.behind import AS_MADE, behind
 from dimersweep.runs.carrying import run_in_line
+from dimersweep.runs.point_source import TAKE_WHOLE, source_of
 from dimersweep.runs.run import Run
 from dimersweep.runs.solving import exactly
 from dimersweep.storage.cubefiles import modes_in, write_cube
@@ -52,9 +52,9 @@ def is_of_this_kernel(kernel: float, what: str) -> bool:
 def _check_same(run: Run, point: xr.Dataset) -> None:
     """Refuse a run whose numbers are not those that the cube has at its point: then something changed the point."""
     for name in ("n_periods", "n_events"):
-        told, found = point[name].values.item() if name in point else None, getattr(run, name)
-        if told not in (None, found):
-            raise ParameterError(f"{name} = {told:.0f}: is {found} in the run of these parameters; {AS_MADE}")
+        recorded, found = point[name].values.item() if name in point else None, getattr(run, name)
+        if recorded not in (None, found):
+            raise ParameterError(f"{name} = {recorded:.0f}: is {found} in the run of these parameters; {TAKE_WHOLE}")
 
 
 class DatasetAccessor:
@@ -193,7 +193,7 @@ class DatasetAccessor:
             If `where` does not give one point, or a search has found no run there.
         """
         point = self.at(**where)
-        made = behind(point)
+        made = source_of(point)
         same = is_of_this_kernel(made.kernel, "the run may differ from what it says of the point")
         how = made.how if periods is None else exactly(check_count("periods", periods), made.how.rtol)
         before = () if made.line is None else made.line.rows_at(np.arange(made.place))

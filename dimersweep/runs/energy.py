@@ -58,7 +58,7 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
     energy = joined(at_ends, np.where(last, at_starts[jumps], np.nan))
     periods = joined(segments[:-1, PERIOD], events[rows, E_PERIOD]).astype(int)
     changes = np.abs(parts_at_starts - parts_at_starts[:, :1]).max()
-    greatest = max(_greatest_way(smooth, flows, struck), changes)
+    greatest = max(_greatest_flow(smooth, flows, struck), changes)
     moves = greatest > NO_FLOW * np.abs(parts_at_starts).max()
     attributes = {
         "closure": float(np.abs(np.cumsum(residual)).max() / greatest) if moves else 0.0,
@@ -89,7 +89,7 @@ def energy_of(record: RunRecord, by: By, space: Workspace) -> xr.Dataset:
     return finished(made, f"Energy budget {OF_A_RUN}")
 
 
-def _greatest_way(smooth: np.ndarray, flows: np.ndarray, struck: np.ndarray) -> float:
+def _greatest_flow(smooth: np.ndarray, flows: np.ndarray, struck: np.ndarray) -> float:
     """Return the greatest work of one term in one direction, to the dimer or from it [J].
 
     A plate that carries the dimer up and down again gives and takes much work, although little is left of it after a

@@ -221,13 +221,14 @@ def lyapunov(run: Run, periods: int = 1000) -> Lyapunov:
     >>> found.exponent > 10 * found.error  # chaos: a small difference grows
     True
     """
-    way = _way_on(run, periods, "lyapunov")
-    maps = map(partial(partial, _from_twin, way.section, way.settled), way.states[:-1], way.modes[:-1], way.modes[1:])
-    direction, free = np.zeros(len(NAMES)), free_coordinates(way.modes[0])
+    starts = _period_starts(run, periods, "lyapunov")
+    step = partial(partial, _from_twin, starts.section, starts.settled)
+    maps = map(step, starts.states[:-1], starts.modes[:-1], starts.modes[1:])
+    direction, free = np.zeros(len(NAMES)), free_coordinates(starts.modes[0])
     # a random direction has parts in all others, the growing one among them; it is the same in each call
     direction[free] = np.random.default_rng(0).normal(size=len(NAMES))[free]
     growth = qr_growth(maps, direction[None] / np.linalg.norm(direction), fewest=1)
-    mean, error, counted = _mean_growth(growth[:, 0], way, "lyapunov")
+    mean, error, counted = _mean_growth(growth[:, 0], starts, "lyapunov")
     f = run.parameters["f"]
     return Lyapunov(float(mean) * f, float(error) * f, float(mean), counted)
 
@@ -268,18 +269,18 @@ def spectrum(run: Run, periods: int = 200) -> Spectrum:
     >>> print(np.exp(spectrum(run, 100).per_period).round(2), abs(multipliers(run).values).round(2))
     [1.   0.6  0.6  0.31] [1.   0.6  0.6  0.31]
     """
-    way = _way_on(run, periods, "spectrum")
-    tangents = Tangents(way.section)
-    places = [tangents.place(state) for state in way.states]
-    maps = map(partial(partial, tangents.grown), places[:-1], way.modes[:-1], places[1:])
+    starts = _period_starts(run, periods, "spectrum")
+    tangents = Tangents(starts.section)
+    places = [tangents.place(state) for state in starts.states]
+    maps = map(partial(partial, tangents.grown), places[:-1], starts.modes[:-1], places[1:])
     # in a chaotic motion that has brought both ends to rest only one direction is left, the spin: its chaos has ended
-    growth = qr_growth(maps, tangents.basis(places[0], way.modes[0]), fewest=0 if way.settled else 2)
-    mean, error, counted = _mean_growth(growth, way, "spectrum")
+    growth = qr_growth(maps, tangents.basis(places[0], starts.modes[0]), fewest=0 if starts.settled else 2)
+    mean, error, counted = _mean_growth(growth, starts, "spectrum")
     order, f = np.argsort(-mean, kind="stable"), run.parameters["f"]
     return Spectrum(mean[order] * f, error[order] * f, mean[order], counted)
 
 
-class _Way(NamedTuple):
+class _PeriodStarts(NamedTuple):
     """States and friction modes of a run that goes on, at the starts of its forcing periods."""
 
     section: Section
@@ -290,7 +291,7 @@ class _Way(NamedTuple):
     counted: int  # periods to count
 
 
-def _way_on(run: Run, periods: int, wanted: str) -> _Way:
+def _period_starts(run: Run, periods: int, wanted: str) -> _PeriodStarts:
     """Make a run longer by the periods before the count, and `periods` to count; return its states there.
 
     They end where the chaos of the run ends. `wanted` names the caller, for errors.
@@ -306,17 +307,17 @@ def _way_on(run: Run, periods: int, wanted: str) -> _Way:
         rows = rows[: int(longer.settled_after) - run.n_periods + 1]
     section = Section(record.row, min(run.rtol, MAP_RTOL))
     modes = rows[:, SEGMENT_MODES:SEGMENT_HOP_TIME]
-    return _Way(section, rows[:, :N_STATE], modes, settled, before, periods)
+    return _PeriodStarts(section, rows[:, :N_STATE], modes, settled, before, periods)
 
 
-def _mean_growth(growth: np.ndarray, way: _Way, wanted: str) -> tuple[np.ndarray, np.ndarray, int]:
+def _mean_growth(growth: np.ndarray, starts: _PeriodStarts, wanted: str) -> tuple[np.ndarray, np.ndarray, int]:
     """Average logarithms of growth along the first axis; return means, their standard errors, and the number counted.
 
     The first part is left out, in the share of `way.before`. Raise `ParameterError` if too little is left.
     """
     if len(growth) <= SETTLING:
         raise ParameterError(f"{wanted}: the chaos ends {len(growth)} periods after the run; end the run earlier")
-    kept = growth[len(growth) * way.before // (way.before + way.counted) :]
+    kept = growth[len(growth) * starts.before // (starts.before + starts.counted) :]
     blocks = np.array([block.mean(axis=0) for block in np.array_split(kept, min(BLOCKS, len(kept)))])
     with np.errstate(invalid="ignore"):
         error = (

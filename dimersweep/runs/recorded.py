@@ -90,8 +90,8 @@ def _dataset(columns: dict[str, np.ndarray], quantities: dict[str, Quantity], di
     for numbers in columns.values():
         if numbers.dtype == float:
             with_one_nan(numbers)
-    told = [Column(name, said, columns[name], EVENT_WORDS.get(name, ())) for name, said in quantities.items()]
-    return table((), told, dim)
+    variables = [Column(name, said, columns[name], EVENT_WORDS.get(name, ())) for name, said in quantities.items()]
+    return table((), variables, dim)
 
 
 def events_of(record: RunRecord) -> xr.Dataset:
@@ -110,8 +110,8 @@ def events_of(record: RunRecord) -> xr.Dataset:
     ends = np.array(digits_of(columns["kind"].astype(int)))
     for own, other in ((0, 1), (1, 0)):
         bystander = (ends[own] == 0) & (ends[other] > IMPACT)
-        for way in ("a", "b"):
-            name = f"slip_{own + 1}_{way}"
+        for axis in ("a", "b"):
+            name = f"slip_{own + 1}_{axis}"
             columns[name] = np.where(bystander, np.nan, columns[name])
     return finished(_dataset(columns, EVENT_QUANTITIES, "event"), f"Events {OF_A_RUN}")
 
@@ -337,9 +337,9 @@ def made_with(parameters: Mapping[str, float]) -> xr.Variable:
 
     States of different runs that were put together are known by their numbers.
     """
-    told = json.dumps({name: value for name, value in parameters.items() if name not in START})
-    about = {"units": "1", "long_name": "number of the run's parameters", "parameters": told}
-    return xr.Variable((), np.int32(number_of(told)), about)
+    text = json.dumps({name: value for name, value in parameters.items() if name not in START})
+    about = {"units": "1", "long_name": "number of the run's parameters", "parameters": text}
+    return xr.Variable((), np.int32(number_of(text)), about)
 
 
 def parameters_in(states: xr.Dataset) -> dict[str, float]:
@@ -351,10 +351,10 @@ def parameters_in(states: xr.Dataset) -> dict[str, float]:
         If the states come from several runs.
     """
     made = states.variables.get("made_with")
-    told = "" if made is None else made.attrs.get("parameters", "")
-    if made is not None and (made.size != 1 or not same_number(made.values.item(), number_of(told))):
+    text = "" if made is None else made.attrs.get("parameters", "")
+    if made is not None and (made.size != 1 or not same_number(made.values.item(), number_of(text))):
         raise ParameterError("start: states of several runs were put together; take one from the run that it is of")
-    known: dict[str, float] = json.loads(told or "{}")
+    known: dict[str, float] = json.loads(text or "{}")
     return known
 
 

@@ -582,7 +582,7 @@ class Run(RunNumbers):
         >>> bounds["x"].sel(time=run.duration).item() < 1e-6  # [m]
         True
         """
-        from dimersweep.runs.shadows import bounds, starts_beside
+        from dimersweep.runs.shadows import bounds, shadow_starts
 
         self.record("error")
         if self.status != "ok":
@@ -591,7 +591,7 @@ class Run(RunNumbers):
             raise ParameterError(f"error: needs the whole record, but {self.record_cut}")
         times = np.arange(self.n_periods + 1) / self.parameters["f"]
         times = np.union1d(times, [] if t is None else self.states(t)["time"])
-        rtol, starts = starts_beside(self.rtol, self.parameters, self.start)
+        rtol, starts = shadow_starts(self.rtol, self.parameters, self.start)
         how = exactly(self.n_periods, rtol)
 
         def call(space: Workspace) -> list[Run]:
@@ -639,9 +639,9 @@ def simulate_checked(
     if begun is not None:
         begun = {name: value for name, value in begun.items() if name != "phase"}  # the phase is in phi0 by now
         shaped = parameters if before is None else replace(before, phi0=parameters.phi0)
-        as_told = kernel_start(begun, shaped.given())
-        first = fitted(as_told, shaped.row(), row)
-        begun = begun if first is as_told else named_state(row, first)
+        unfitted = kernel_start(begun, shaped.given())
+        first = fitted(unfitted, shaped.row(), row)
+        begun = begun if first is unfitted else named_state(row, first)
     solved = run_row(row, first, how, space, record=record)
     return as_run(parameters.given(), how.rtol, solved, begun)
 

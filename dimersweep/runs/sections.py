@@ -59,5 +59,5 @@ def impacts_at(events: xr.Dataset, at: str) -> np.ndarray:
         return firsts[pushes.any(axis=0) & events["kind"].str.startswith("DI").values[firsts]]
     end = at[-1]
     falls = events[f"gap_{end}_rate_before"].values[firsts] < 0
-    held = events["contact_before"].str.startswith((f"SC{end}", "DC")).values[firsts]
-    return firsts[pushes[int(end) - 1] & falls & ~held]
+    was_closed = events["contact_before"].str.startswith((f"SC{end}", "DC")).values[firsts]
+    return firsts[pushes[int(end) - 1] & falls & ~was_closed]

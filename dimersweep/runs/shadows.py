@@ -67,7 +67,7 @@ CLOSED_STATE = COORDINATES + tuple(f"{name}_rate" for name in COORDINATES)
 SORT = ["cause", "kind", "which"]  # columns that two events must share to be compared
 
 
-def starts_beside(
+def shadow_starts(
     rtol: float, parameters: Mapping[str, float], start: Mapping[str, float] | None
 ) -> tuple[float, list[tuple[dict[str, float], dict[str, float] | None]]]:
     """Return the accuracy of the shadows of a run, and their two starts: that of the run, and one beside it.
@@ -250,8 +250,8 @@ def certified(
     for shadow_rtol, nudge in ((finer, LEAST_ERROR), (looser, looser)):
         left = np.flatnonzero(confidence == CERTAIN)
         moved = nudged(dict(zip(ROW, rows[left].T, strict=True)), nudge)
-        beside = np.column_stack([moved[name] for name in ROW])
-        shadow = run_all_patiently(beside, how._replace(rtol=shadow_rtol), space)
+        nudged_rows = np.column_stack([moved[name] for name in ROW])
+        shadow = run_all_patiently(nudged_rows, how._replace(rtol=shadow_rtol), space)
         confidence[left] = compared((out[left], codes[left]), shadow)
         if shadow_rtol == finer:
             error[left] = orbit_difference(out[left], shadow[0])

@@ -9,7 +9,7 @@ import xarray as xr
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import check_seconds, check_switch
 from dimersweep.parameters import ParameterKeywords, Parameters, check_names, moved_on, updated
-from dimersweep.runs.behind import parameters_of, was_carried
+from dimersweep.runs.point_source import parameters_of, was_carried
 from dimersweep.runs.recorded import parameters_in
 from dimersweep.runs.run import Run, proven_run, simulate_checked
 from dimersweep.runs.solving import check_recorded, run_settings

@@ -85,8 +85,10 @@ def kernel_start(start: Mapping[str, float], parameters: Mapping[str, float]) ->
     """
     beta = start.get("beta", 0.0)
     if not abs(beta) < pi / 2:
-        told = f"{beta} ({degrees(beta):.6g} deg)"
-        raise ParameterError(f'start.beta = {told}: must be below pi/2 = 1.5708 in size (radians; degrees as "16 deg")')
+        shown = f"{beta} ({degrees(beta):.6g} deg)"
+        raise ParameterError(
+            f'start.beta = {shown}: must be below pi/2 = 1.5708 in size (radians; degrees as "16 deg")'
+        )
     dm = dimer_from(parameters)
     gaps, beta_rate = _gaps(start, dm, rise_at(dm, beta)), start.get("beta_rate", 0.0)
     theta, theta_rate = start.get("theta", 0.0), start.get("theta_rate", 0.0)

@@ -88,7 +88,7 @@ class Store:
     ----------
     connection : sqlite3.Connection
         Connection to the file. At the end of its context all changes are on the disk, or none.
-    trouble : list of str
+    damage : list of str
         Sentences on the damage that was found when the store was opened.
     is_cut : bool
         True if parts of the file could not be read.
@@ -96,7 +96,7 @@ class Store:
 
     def __init__(self, path: Path, how: str) -> None:
         self.path, self.how = path, how
-        self.trouble: list[str] = []
+        self.damage: list[str] = []
         self.is_cut = False
         place = f"file:{quote(os.fsencode(path.absolute()))}?{how}"
         self.connection = sqlite3.connect(place, timeout=BUSY_SECONDS, isolation_level="IMMEDIATE", uri=True)
@@ -277,10 +277,10 @@ class Store:
 
         The list is empty if there is no damage. Otherwise this store must be closed, as it is that of the former file.
         """
-        trouble = [f"{_named(row)} {why}" for row in self.rows() if (why := self.why_not(row))]
+        damage = [f"{_named(row)} {why}" for row in self.rows() if (why := self.why_not(row))]
         if self.is_cut or self.pragma("quick_check(1)") != ("ok",):
-            trouble.append("parts of the file cannot be read")
-        if not trouble:
+            damage.append("parts of the file cannot be read")
+        if not damage:
             return []
         with replacing(self.path, self.scratch) as scratch, closing(Store(scratch, self.how)) as other:
             other.begin(self.about)
@@ -288,9 +288,9 @@ class Store:
                 for row in self.rows():
                     if not self.why_not(row):
                         other._insert(row)
-        if len(trouble) > NAMED:
-            trouble = [*trouble[:NAMED], f"and {len(trouble) - NAMED} more"]
-        return [f"{self.path}: damaged results are computed again ({'; '.join(trouble)})"]
+        if len(damage) > NAMED:
+            damage = [*damage[:NAMED], f"and {len(damage) - NAMED} more"]
+        return [f"{self.path}: damaged results are computed again ({'; '.join(damage)})"]
 
     def close(self) -> None:
         """Close the file."""
@@ -435,7 +435,7 @@ def opened_store(
         return
     with ExitStack() as stack:
         with disk_errors(f"{path}", "nothing was computed"):
-            trouble = _mended(make, path, about, force=force)
+            damage = _mended(make, path, about, force=force)
             store = stack.enter_context(_owned(make, path))
             for setting in ("writable_schema = OFF", "synchronous = FULL"):
                 store.pragma(setting)
@@ -443,7 +443,7 @@ def opened_store(
                 store.begin(about)
                 sync(path.parent)  # the new name must outlive a power cut
             store.check_of(about)
-            store.trouble = trouble
+            store.damage = damage
             delete(store.scratch)
             with store.connection:
                 store.tell(process=os.getpid(), host=socket.gethostname(), since=time.strftime("%Y-%m-%d %H:%M:%S"))

@@ -60,8 +60,8 @@ class Question:
         The result was found with unknown hints. It stands if no hints are used, or if all values were run. It also
         stands if its only run decided, and `hints` try this value first, too.
         """
-        alone = result["counts"].sum() == 1 and result["decider"] - 1 == self.order(hints)[0]
-        return bool(not self.led or not result["decider"] or alone)
+        decided_first = result["counts"].sum() == 1 and result["decider"] - 1 == self.order(hints)[0]
+        return bool(not self.led or not result["decider"] or decided_first)
 
     def order(self, hints: Sequence[int]) -> np.ndarray:
         """Return the order of trial as indices of the values, shape (n,): `hints` first, the others spread out."""

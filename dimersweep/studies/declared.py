@@ -153,7 +153,7 @@ class Declaration(SweepFileSection):
         if self.points or self.grid is None:
             raise ParameterError("points: is for sweeps; a search has a grid")
         whole = "is for sweeps of a whole grid"
-        for given_too, told in (
+        for is_given, refusal in (
             (self.sweep.strobes, f"sweep.strobes = {self.sweep.strobes}: {whole}"),
             (self.sweep.sustained, f"sweep.sustained = true: {whole}"),
             (carry, f"carry = {carry!r}: {whole}; a search starts each run by itself"),
@@ -163,8 +163,8 @@ class Declaration(SweepFileSection):
                 "sweep.stop_when_settled = false: a search stops each run that has settled",
             ),
         ):
-            if given_too:
-                raise ParameterError(told)
+            if is_given:
+                raise ParameterError(refusal)
         paths = None if self.paths is None else self.paths.model_dump()
         question = search.study_of(self.grid, self.fixed, paths=paths, **self.search.model_dump(), **given)
         return question if self.refine is None else refine.study_of(question, **self.refine.model_dump())

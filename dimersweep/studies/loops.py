@@ -18,8 +18,8 @@ from dimersweep.kernel.batch import Workspace
 from dimersweep.kernel.model.layout import CODE_MODE, CODE_MODE_PERIOD, CODE_N_PERIODS
 from dimersweep.parameters import fill_rows
 from dimersweep.runs.accessor import is_of_this_kernel
-from dimersweep.runs.behind import behind
 from dimersweep.runs.carrying import carried
+from dimersweep.runs.point_source import source_of
 from dimersweep.runs.solving import Solved
 from dimersweep.studies.deciding import OPEN
 from dimersweep.studies.making import in_memory
@@ -142,7 +142,7 @@ def _ends(values: np.ndarray, mode: np.ndarray, period: np.ndarray) -> Iterator[
 
 def _line_through(point: xr.Dataset) -> Study:
     """Return the line of a point as a study of its own, run up and down, which keeps the end states."""
-    made = behind(point)
+    made = source_of(point)
     is_of_this_kernel(made.kernel, "the ends may lie elsewhere than its modes say")
     assert made.line is not None  # since the cube has directions
     grid = Grid({"direction": np.array([UP, DOWN])} | made.line.axes, made.line.fixed)
@@ -228,14 +228,16 @@ def _table(cube: xr.Dataset, axis: str, places: dict[str, np.ndarray], found: li
         error = Quantity(units, f"half the step that the {which} end lies in")
         columns += [Column(which, end, 0.5 * (below + above)), Column(f"{which}_error", error, 0.5 * (above - below))]
     made = table((), columns, "loop")
-    for (k, which), (way, word) in product(enumerate(SIDES), enumerate(DIRECTIONS)):
-        flags = variable("mode", ("loop",), np.array([pair[k].modes[way] for _, pair in found], dtype=np.int8))
+    for (k, which), (direction, word) in product(enumerate(SIDES), enumerate(DIRECTIONS)):
+        flags = variable("mode", ("loop",), np.array([pair[k].modes[direction] for _, pair in found], dtype=np.int8))
         flags.attrs["long_name"] += f" on the way {word}, inside the loop at its {which} end"
         made[f"mode_{word}_{which}"] = flags
-    told = {name: column("loop", cube[name].values[each[lines]], PARAMETERS[name]) for name, each in places.items()}
+    coordinates = {
+        name: column("loop", cube[name].values[each[lines]], PARAMETERS[name]) for name, each in places.items()
+    }
     fixed = {name: cube[name].variable for name in PARAMETERS if name in cube.coords and not cube[name].ndim}
-    told["loop"] = column("loop", np.arange(len(found)), "number of the loop")
-    return made.assign_coords(fixed | told)
+    coordinates["loop"] = column("loop", np.arange(len(found)), "number of the loop")
+    return made.assign_coords(fixed | coordinates)
 
 
 def _observed(variable: xr.DataArray, others: int, found: list[tuple[int, Ends]]) -> dict[str, xr.Variable]:
@@ -245,8 +247,10 @@ def _observed(variable: xr.DataArray, others: int, found: list[tuple[int, Ends]]
     """
     values, dims = variable.values.reshape(-1, *variable.shape[others:]), ("loop", *variable.dims[others + 2 :])
     lines = np.array([line for line, _ in found], dtype=int)
-    told = {}
-    for (k, which), (way, word) in product(enumerate(SIDES), enumerate(DIRECTIONS)):
+    variables = {}
+    for (k, which), (direction, word) in product(enumerate(SIDES), enumerate(DIRECTIONS)):
         inside = np.array([pair[k].inside for _, pair in found], dtype=int)
-        told[f"{variable.name}_{word}_{which}"] = xr.Variable(dims, values[lines, way, inside], variable.attrs)
-    return told
+        variables[f"{variable.name}_{word}_{which}"] = xr.Variable(
+            dims, values[lines, direction, inside], variable.attrs
+        )
+    return variables

@@ -1,4 +1,4 @@
-"""Make a cube in three steps: open its store and crew, fill the store with results, close it into a cube."""
+"""Make a cube in three steps: open its store and start workers, fill the store with results, close it into a cube."""
 
 import signal
 import warnings
@@ -23,7 +23,7 @@ from dimersweep.storage.provenance import CHECKSUM, attributes
 from dimersweep.storage.tilestore import TileStore, tile_store
 from dimersweep.studies.reuse import Known, complete_cube, known_points
 from dimersweep.studies.study import Batch, Study
-from dimersweep.work.computing import PointRunner, settle_way
+from dimersweep.work.computing import PointRunner, prepare_kernel
 from dimersweep.work.options import IN_PASSING, OptionKeywords, Options, make_options
 
 
@@ -39,7 +39,7 @@ def make_cube(study: Study, **given: Unpack[OptionKeywords]) -> xr.Dataset:
     former = complete_cube(study, options)
     if former is not None:
         return former
-    settle_way(progress=options.progress)
+    prepare_kernel(progress=options.progress)
     with _opened(study, options) as (store, hired):
         written = False
         try:
@@ -82,7 +82,7 @@ def _part_of(study: Study, options: Options) -> tuple[Study, Options]:
 
 @contextmanager
 def _opened(study: Study, options: Options) -> Iterator[tuple[TileStore, PointRunner]]:
-    """Open the store of a study, locked against other processes, and give it with the crew of its points."""
+    """Open the store of a study, locked against other processes; yield it with the workers that run its points."""
     with (
         tile_store(options.out, study.configuration(), study.size, study.kind, force=options.force) as store,
         PointRunner(store, options) as hired,
@@ -90,7 +90,7 @@ def _opened(study: Study, options: Options) -> Iterator[tuple[TileStore, PointRu
         if options.out is not None:
             # another process may have written the output while this one waited for the lock of the store
             check_output(options.out, force=options.force or options.retry, endings=None)
-        for line in store.trouble:
+        for line in store.damage:
             # the warning points at user code: 1 to 3 are this function, its context and `make_cube`, 4 is sweep or search
             warnings.warn(line, RuntimeWarning, stacklevel=5)
         if options.retry and "failed" in store.modes():
@@ -120,7 +120,7 @@ def fill(study: Study, hired: PointRunner, known: Sequence[Known] = ()) -> Study
 def _close(study: Study, options: Options, store: TileStore, origin: Mapping[str, str]) -> xr.Dataset:
     """Return the cube of all results in the store, with its attributes and checksum; write it to the output, if any."""
     made = attributes(study.configuration(), study.summary, store.wall) | {"kernel_time_s": store.seconds}
-    told = {**made, **origin, **options.attrs}
+    attrs = {**made, **origin, **options.attrs}
     out, replaces = options.out, options.force or options.retry
     write_blocks = format_of(out or Path()).write_blocks
     # a cube that may be larger than memory is written block by block, and opened again lazily
@@ -128,14 +128,14 @@ def _close(study: Study, options: Options, store: TileStore, origin: Mapping[str
         with disk_errors(f"out = {out}", store.kept_if_refused):
             write_blocks(
                 study.grid,
-                signed(study.template().assign_attrs(told), study.configuration()),
+                signed(study.template().assign_attrs(attrs), study.configuration()),
                 lambda tile, axes: replace(study, grid=axes).as_cube(store.read(*tile)),
                 out,
                 scratch=store.scratch,
                 workers=options.workers,
             )
         return open_cube(out)
-    cube = signed(study.as_cube(store.read(0, study.size)).assign_attrs(told), study.configuration())
+    cube = signed(study.as_cube(store.read(0, study.size)).assign_attrs(attrs), study.configuration())
     cube.attrs[CHECKSUM] = checksum_of(cube)
     if out is not None:
         write_cube(cube, out, force=replaces, scratch=store.scratch, kept=store.kept_if_refused)

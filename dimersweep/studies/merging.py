@@ -75,7 +75,7 @@ def merge(
     cube = open_cube(first)
     for path in paths:
         _take(cube, path, there, first)
-    own, settings = _told(cube, first)
+    own, settings = _part_and_settings(cube, first)
     whole = first.with_name(first.name.replace(f".part-{own.number}-of-{own.total}", "", 1))
     lacking = [SweepPart(number, own.total) for number in range(1, own.total + 1) if number not in there]
     for part in lacking if finish else ():
@@ -83,8 +83,10 @@ def merge(
         make_cube(study, out=whole, part=str(part), attrs=attrs, workers=workers, client=client, progress=progress)
         _take(cube, part.file(whole), there, first)
     if lacking and not finish:
-        told = ", ".join(f"{part}{' (begun)' * tiles_of(part.file(whole)).exists()}" for part in lacking)
-        raise StoreError(f"{first}: these parts are missing: {told}; make them, or have them made here (finish=True)")
+        missing = ", ".join(f"{part}{' (begun)' * tiles_of(part.file(whole)).exists()}" for part in lacking)
+        raise StoreError(
+            f"{first}: these parts are missing: {missing}; make them, or have them made here (finish=True)"
+        )
     cube.attrs |= configured(settings)
     cube.attrs[CHECKSUM] = checksum_of(cube)
     if out is not None:
@@ -97,7 +99,8 @@ def _take(cube: xr.Dataset, path: Path, there: dict[int, Path], first: Path) -> 
     sweep.
     """
     other = open_cube(path)
-    (own, settings), (part, others), both = _told(cube, first), _told(other, path), f"{first} and {path}"
+    (own, settings), (part, others) = _part_and_settings(cube, first), _part_and_settings(other, path)
+    both = f"{first} and {path}"
     if part.total != own.total:
         raise StoreError(f"{both}: are parts of {own.total} and of {part.total}")
     if changes := differences(settings, others):
@@ -117,7 +120,7 @@ def _take(cube: xr.Dataset, path: Path, there: dict[int, Path], first: Path) -> 
     there[part.number] = path
 
 
-def _told(cube: xr.Dataset, path: Path) -> tuple[SweepPart, dict[str, Any]]:
+def _part_and_settings(cube: xr.Dataset, path: Path) -> tuple[SweepPart, dict[str, Any]]:
     """Return which part of a sweep a cube is, and the configuration of all parts; raise a StoreError if it is none."""
     settings = json.loads(cube.attrs["configuration"])
     if PART not in settings:

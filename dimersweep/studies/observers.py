@@ -79,12 +79,12 @@ class Observer(ABC):
         """
 
     @abstractmethod
-    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
-        """Fill in the fields of this observer in ``ran.results``.
+    def observe(self, runs: FinishedRuns, space: Workspace) -> None:
+        """Fill in the fields of this observer in ``runs.results``.
 
         Parameters
         ----------
-        ran : Ran
+        runs : FinishedRuns
             Runs that are over.
         space : Workspace
             Scratch arrays for further runs. If a stop is set there meanwhile, the results are not used.
@@ -104,10 +104,10 @@ class Certify(Observer):
         """Return the switch of `sweep` that asks for this observer."""
         return {"certify": True}
 
-    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
+    def observe(self, runs: FinishedRuns, space: Workspace) -> None:
         """Make the two further runs of each point, and record confidence and error."""
-        results = ran.results
-        sure = certified(ran.rows, ran.how, results["out"], results["codes"], space)
+        results = runs.results
+        sure = certified(runs.rows, runs.how, results["out"], results["codes"], space)
         results["confidence"], results["error_estimate"] = sure
 
 
@@ -131,14 +131,14 @@ class Strobes(Observer):
         """Return the number of strobes, as `sweep` takes it."""
         return {"strobes": self.n}
 
-    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
+    def observe(self, runs: FinishedRuns, space: Workspace) -> None:
         """Run each point that is ok once more and `n` periods further, and record its strobes."""
-        rtol = ran.how.rtol
-        for row, result in zip(ran.rows, ran.results, strict=True):
+        rtol = runs.how.rtol
+        for row, result in zip(runs.rows, runs.results, strict=True):
             if result["codes"][CODE_STATUS] != OK:
                 continue
             done = int(result["codes"][CODE_N_PERIODS])
-            end = run_row(row, ran.start, exactly(done, rtol), space).end
+            end = run_row(row, runs.start, exactly(done, rtol), space).end
             more = run_row(row, end.start, exactly(done + self.n, rtol), space, record=True, past=end.past)
             if more.record is None or more.codes[CODE_STATUS] != OK:
                 continue
@@ -158,10 +158,10 @@ class Longer(Observer):
         """Return the number of forcing periods, as `search` takes it."""
         return {"orbit_periods": self.periods}
 
-    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
+    def observe(self, runs: FinishedRuns, space: Workspace) -> None:
         """Replace `out` and `codes` of each point by those of the longer run."""
-        how = exactly(self.periods, ran.how.rtol)
-        ran.results["out"], ran.results["codes"] = run_all_patiently(ran.rows, how, space)
+        how = exactly(self.periods, runs.how.rtol)
+        runs.results["out"], runs.results["codes"] = run_all_patiently(runs.rows, how, space)
 
 
 @dataclass(frozen=True)
@@ -194,11 +194,11 @@ class Paths(Observer):
         """Return the length and the density of the path, as `search` takes them."""
         return {"paths": vars(self)}
 
-    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
+    def observe(self, runs: FinishedRuns, space: Workspace) -> None:
         """Run each point that drifts anew, and record its path and its axial velocity."""
-        for row, result in zip(ran.rows, ran.results, strict=True):
+        for row, result in zip(runs.rows, runs.results, strict=True):
             if result["codes"][CODE_MODE] == M_DRIFT:
-                x, y, result["axial_velocity"] = self._of(row, ran.how.rtol, space)
+                x, y, result["axial_velocity"] = self._of(row, runs.how.rtol, space)
                 result["x"][: x.size], result["y"][: y.size] = x, y
 
     def _of(self, row: np.ndarray, rtol: float, space: Workspace) -> tuple[np.ndarray, np.ndarray, float]:
@@ -223,10 +223,10 @@ class EndStates(Observer):
     slots = Along("slot", np.arange(N_START), Quantity("1", "slot of the state"))
     fields = (Field("end", Quantity("1", "state and friction modes at the end"), along=slots),)
 
-    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
+    def observe(self, runs: FinishedRuns, space: Workspace) -> None:
         """Record the end of the run."""
-        assert ran.solved is not None  # since `needs` names the end
-        ran.results["end"] = ran.solved.onward
+        assert runs.solved is not None  # since `needs` names the end
+        runs.results["end"] = runs.solved.onward
 
 
 def needs_of(observers: Iterable[Observer]) -> frozenset[str]:

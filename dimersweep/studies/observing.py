@@ -116,7 +116,7 @@ def observer(
     if version is not None and depends:
         raise ParameterError("observer: version: stands in place of the text of all files; give it without depends")
     settles = check_switch("observer: stop_when_settled", stop_when_settled)
-    declared = tuple(_field(name, told) for name, told in variables.items())
+    declared = tuple(_field(name, declaration) for name, declaration in variables.items())
     modules = map(_module, depends if isinstance(depends, list | tuple) else [depends])
     texts = {each.__name__: _text_of(each) for each in modules}
 
@@ -130,10 +130,10 @@ def observer(
     return mark
 
 
-def _field(name: str, told: Any) -> Field:
+def _field(name: str, declaration: Any) -> Field:
     """Return a variable, as it was declared, as a field of the cube; raise a ParameterError if it is not allowed."""
     _check_name(name)
-    units, meaning, along = _declared(f"observer: {name}", told, ("units", "long_name"), ("along",))
+    units, meaning, along = _declared(f"observer: {name}", declaration, ("units", "long_name"), ("along",))
     if along is None:
         return Field(name, Quantity(units, meaning))
     dim, values, its_units, its_meaning = _declared(
@@ -155,27 +155,27 @@ def _check_name(name: str) -> None:
         raise ParameterError(f"observer: {name!r}: must be a name of letters, digits and _")
 
 
-def _declared(where: str, told: Any, needed: tuple[str, ...], more: tuple[str, ...]) -> list[Any]:
+def _declared(where: str, mapping: Any, needed: tuple[str, ...], more: tuple[str, ...]) -> list[Any]:
     """Return the values of a mapping for the keys `needed` and `more`, None for those of `more` that are missing."""
-    if not isinstance(told, Mapping):
-        raise ParameterError(f"{where} = {reprlib.repr(told)}: must be a mapping with {' and '.join(needed)}")
-    for key in told:
+    if not isinstance(mapping, Mapping):
+        raise ParameterError(f"{where} = {reprlib.repr(mapping)}: must be a mapping with {' and '.join(needed)}")
+    for key in mapping:
         if key not in (*needed, *more):
             raise ParameterError(f"{where}.{unknown(key, 'key', (*needed, *more))}")
     for key in needed:
-        if key not in told:
+        if key not in mapping:
             raise ParameterError(f"{where}.{key}: is missing")
-    for key, value in told.items():
+    for key, value in mapping.items():
         if key not in ("along", "values") and not (isinstance(value, str) and value):
             raise ParameterError(f"{where}.{key} = {reprlib.repr(value)}: must be a text")
-    return [told.get(key) for key in (*needed, *more)]
+    return [mapping.get(key) for key in (*needed, *more)]
 
 
 # --- the checksum -----------------------------------------------------------------------------------------------------
 
 
-def _checksum(function: Any, caller: CodeType, *told: Any) -> str:
-    """Return the checksum of an observer: of the text of its file, of its line there, and of `told`.
+def _checksum(function: Any, caller: CodeType, *parts: Any) -> str:
+    """Return the checksum of an observer: of the text of its file, of its line there, and of `parts`.
 
     `caller` is the code that marks the observer. A decorator may stand in another file, whose text counts then, too.
     The text is taken when the file is imported, as it may have changed later on.
@@ -191,9 +191,9 @@ def _checksum(function: Any, caller: CodeType, *told: Any) -> str:
         )
     call = inspect.unwrap(vars(function).get("__call__", function) if isinstance(function, type) else function)
     code = getattr(call, "__code__", caller)
-    told = (_text_of(caller), _text_of(code), code.co_firstlineno, *told)
+    parts = (_text_of(caller), _text_of(code), code.co_firstlineno, *parts)
     # 16 digits, or 64 bits: no two texts share them by chance
-    return "text " + hashlib.sha256(json.dumps(told, default=np.ndarray.tolist).encode()).hexdigest()[:16]
+    return "text " + hashlib.sha256(json.dumps(parts, default=np.ndarray.tolist).encode()).hexdigest()[:16]
 
 
 def _text_of(what: CodeType | ModuleType) -> str:
@@ -359,11 +359,11 @@ class OwnObserver(Observer):
             there = found(self.name)
         except ParameterError:
             there = self.here  # an observer without an importable name goes to other processes as a copy
-        told = getattr(there, DECLARED, getattr(self.base, DECLARED, None))
+        declaration = getattr(there, DECLARED, getattr(self.base, DECLARED, None))
         if (
-            told is None
-            or told.code != self.code
-            or any(_text_of(_module(name)) != text for name, text in told.depends.items())
+            declaration is None
+            or declaration.code != self.code
+            or any(_text_of(_module(name)) != text for name, text in declaration.depends.items())
         ):
             raise ParameterError(
                 f"observe = {self.name!r}: is another version here; import all of it anew, and give all workers the same files"
@@ -377,21 +377,21 @@ class OwnObserver(Observer):
         result[WHY.name] = why
         result["codes"][CODE_STATUS] = OBSERVER_FAILED
 
-    def observe(self, ran: FinishedRuns, space: Workspace) -> None:
+    def observe(self, runs: FinishedRuns, space: Workspace) -> None:
         """Run the observer on each run that is ok, continue the run first where needed, and record its variables."""
         how, here = self.how, self.here
         call = here(**self.arguments) if isinstance(here, type) else partial(here, **self.arguments)
-        for row, result in zip(ran.rows, ran.results, strict=True):
+        for row, result in zip(runs.rows, runs.results, strict=True):
             if result["codes"][CODE_STATUS] != OK:
                 continue
-            solved = ran.solved or run_row(row, None, how, space, record=True)
+            solved = runs.solved or run_row(row, None, how, space, record=True)
             start = None if solved.start is None else named_state(row, solved.start)
             if not how.stop_when_settled and solved.codes[CODE_N_PERIODS] < how.periods and not is_stopped(space):
                 whole, events = exactly(how.periods, how.rtol), int(solved.codes[CODE_N_EVENTS])
                 solved = go_on(row, solved.end, events, solved.record, whole, space)
             if is_stopped(space):
                 return
-            run = as_run(Parameters(**ran.given or {}).given(), how.rtol, solved, start)
+            run = as_run(Parameters(**runs.given or {}).given(), how.rtol, solved, start)
             try:
                 if run.status != "ok":
                     raise RuntimeError(f"after it had settled, the run ended in period {run.n_periods}: {run.message}")
@@ -407,7 +407,7 @@ class OwnObserver(Observer):
         if not isinstance(returned, Mapping):
             raise TypeError(f"returned {type(returned).__name__}, no mapping of names to numbers")
         fields = {each.name: each for each in self.declared}
-        told = {}
+        values = {}
         for name, value in returned.items():
             if name not in fields:
                 raise ValueError(unknown(name, "variable", fields))
@@ -415,8 +415,8 @@ class OwnObserver(Observer):
             if np.shape(value) != shape:
                 raise ValueError(f"{name}: has shape {np.shape(value)}, and {shape} was declared")
             read = as_numbers if shape else as_number
-            told[name] = np.asarray(read(name, value, units, result=True))
-        return told
+            values[name] = np.asarray(read(name, value, units, result=True))
+        return values
 
 
 def own_of(

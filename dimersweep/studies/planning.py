@@ -15,7 +15,7 @@ from dimersweep.storage.store import finished_at
 from dimersweep.storage.tilestore import tiles_of
 from dimersweep.studies.making import in_memory
 from dimersweep.studies.study import MOST_PARTS, Sample, Study
-from dimersweep.work.computing import settle_way
+from dimersweep.work.computing import prepare_kernel
 from dimersweep.work.scheduling import TILES_PER_WORKER
 from dimersweep.work.tiles import TILE_SECONDS
 
@@ -122,7 +122,7 @@ def plan(study: Study, workers: int, out: Path | None = None) -> Plan:
     -------
     Plan
     """
-    settle_way(progress=False)
+    prepare_kernel(progress=False)
     sample = study.sample(np.random.default_rng(_SEED))
     costs, started = [], perf_counter()
     for part in islice(sample.parts, MOST_PARTS):

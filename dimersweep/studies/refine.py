@@ -149,9 +149,9 @@ class RefinedMap(Search):
 
     def configuration(self) -> dict[str, Any]:
         """Return the settings of the search on the coarse grid, with the halvings and the regions."""
-        told_apart = [REGIONS[code] for code in self.between]
+        regions = [REGIONS[code] for code in self.between]
         halvings = {name: n for name, n in self.halvings.items() if n}
-        refined = {"refine": {"halvings": halvings, "between": told_apart}}
+        refined = {"refine": {"halvings": halvings, "between": regions}}
         return super().configuration() | self.coarse.configuration() | refined
 
     def batches(self, results: Callable[[], np.ndarray]) -> Iterator[Batch]:

@@ -86,7 +86,7 @@ def _former(out: Path, study: Study) -> xr.Dataset:
 
 
 def known_points(study: Study, options: Options) -> tuple[list[Known], dict[str, str]]:
-    """Return what looks up the points of `study` in other cubes, and the attributes that name the extended cube.
+    """Return functions that look up points of `study` in other cubes, and the attributes that name the extended cube.
 
     Other cubes are the cube to extend and, at a retry, the cube at the output.
 

@@ -82,8 +82,8 @@ class Search(Study):
     def advance(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> int:
         """Search at `points` in order, fill in `results`, and return the number of points that are done."""
         for k, point in enumerate(points.tolist()):
-            ran = self._decided(point, results[k : k + 1], space)
-            if ran is None or not self.observed(ran, space):
+            runs = self._decided(point, results[k : k + 1], space)
+            if runs is None or not self.observed(runs, space):
                 return k
         return points.size
 
@@ -92,7 +92,7 @@ class Search(Study):
 
         Returns
         -------
-        Ran or None
+        FinishedRuns or None
             The deciding run; no rows (n = 0) if no run alone decides. None if the search was stopped.
         """
         order = self.question.order(self.hints.get(point, ()))
@@ -117,7 +117,7 @@ class Search(Study):
         legal = legal_points(self.grid)
         reached = np.zeros(legal.size, dtype=bool)
         for wave in waves(self.grid.shape):
-            near = {point: beside for point, beside in wave.items() if legal[point]}
+            near = {point: neighbours for point, neighbours in wave.items() if legal[point]}
             yield self.led(near, results(), reached, int(legal.sum()))
 
     def cut(self, part: SweepPart) -> Self:
@@ -134,8 +134,8 @@ class Search(Study):
         # deciders are counted from 1, as 0 stands for none
         deciders = np.where(reached, results["decider"], 0)
         hints = {
-            point: list(dict.fromkeys(int(k) - 1 for k in deciders[list(beside)] if k)) or self.hints.get(point, ())
-            for point, beside in near.items()
+            point: list(dict.fromkeys(int(k) - 1 for k in deciders[list(neighbours)] if k)) or self.hints.get(point, ())
+            for point, neighbours in near.items()
         }
         points = np.fromiter(near, dtype=np.int64)
         reached[points] = True
@@ -147,7 +147,7 @@ class Search(Study):
         return np.fromiter(same, dtype=bool)
 
     def sample(self, rng: np.random.Generator) -> Sample:
-        """Return random points, each with a hint from a point beside it, as most points of a search have."""
+        """Return single random points as a sample; each has a hint from a neighbour, as most points of a search have."""
         self.check_fits()
         legal = legal_points(self.grid)
         numbers = rng.permutation(np.flatnonzero(legal)).tolist()
@@ -155,9 +155,9 @@ class Search(Study):
 
     def _led(self, point: int, legal: np.ndarray) -> Self:
         """Return the search at a point alone, with the deciding value of a point beside it as its hint."""
-        beside, hints = point - 1 if point else min(1, legal.size - 1), {}
-        if self.question.led and legal[beside]:
-            decider = int(in_memory(self.narrowed(np.array([beside]))[0])[0]["decider"][0])
+        neighbour, hints = point - 1 if point else min(1, legal.size - 1), {}
+        if self.question.led and legal[neighbour]:
+            decider = int(in_memory(self.narrowed(np.array([neighbour]))[0])[0]["decider"][0])
             hints = {point: [decider - 1]} if decider else {}
         return replace(self, hints=hints).narrowed(np.array([point]))[0]
 

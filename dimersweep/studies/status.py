@@ -63,28 +63,28 @@ def _of_tiles(store: Store) -> dict[str, Any]:
     done = tally.total()
     words = f"{words_for(store, done)} done ({100 * done // wanted} %)"
     damaged = str(store.path) if unreadable or store.is_cut else ""
-    told = {"done": words, "share": done / wanted, "modes": dict(tally.most_common())}
-    return told | {"last_tile": last, "damaged": damaged, "at_work": holder(store.path) or ""}
+    state = {"done": words, "share": done / wanted, "modes": dict(tally.most_common())}
+    return state | {"last_tile": last, "damaged": damaged, "at_work": holder(store.path) or ""}
 
 
-def status_lines(told: dict[str, Any]) -> list[str]:
+def status_lines(state: dict[str, Any]) -> list[str]:
     """Return a status, as `status` gives it, in lines of text."""
-    lines, modes = [f"{told['cube']}: {told['done']}"], told["modes"]
+    lines, modes = [f"{state['cube']}: {state['done']}"], state["modes"]
     if modes:
         lines.append("modes: " + ", ".join(f"{mode} {count}" for mode, count in modes.items()))
-    if "at_work" not in told:
+    if "at_work" not in state:
         return lines
-    if told["last_tile"]:
-        lines.append(f"last tile: {_ago(told['last_tile'])}")
+    if state["last_tile"]:
+        lines.append(f"last tile: {_ago(state['last_tile'])}")
     lines.append(f"failed: {modes.get('failed', 0)} points")
-    if told["damaged"]:
-        lines.append(f"{told['damaged']}: is damaged; what is lost will be computed again")
-    if told["share"] == 1 and not told["at_work"]:
+    if state["damaged"]:
+        lines.append(f"{state['damaged']}: is damaged; what is lost will be computed again")
+    if state["share"] == 1 and not state["at_work"]:
         lines.append(
-            "cube: is written" if told["written"] else "cube: is still to be written; run the same sweep again"
+            "cube: is written" if state["written"] else "cube: is still to be written; run the same sweep again"
         )
     else:
-        lines.append(f"at work: {told['at_work'] or 'nobody; run the same sweep again to go on'}")
+        lines.append(f"at work: {state['at_work'] or 'nobody; run the same sweep again to go on'}")
     return lines
 
 

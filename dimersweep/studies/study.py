@@ -165,10 +165,10 @@ class Study:
         whole.
         """
         done = 0
-        for ran in self._runs(points, results, space):
-            if not self.observed(ran, space):
+        for runs in self._runs(points, results, space):
+            if not self.observed(runs, space):
                 break
-            done += len(ran.results)
+            done += len(runs.results)
         return done - done % self.line
 
     def check_here(self) -> None:
@@ -179,22 +179,22 @@ class Study:
         for observer in self.observers:
             observer.check_here()
 
-    def observed(self, ran: FinishedRuns, space: Workspace) -> bool:
+    def observed(self, runs: FinishedRuns, space: Workspace) -> bool:
         """Show runs to all observers; return False if the work was stopped meanwhile."""
         for observer in self.observers:
-            observer.observe(ran, space)
+            observer.observe(runs, space)
         return not (self.observers and is_stopped(space))
 
     def _runs(self, points: np.ndarray, results: np.ndarray, space: Workspace) -> Iterator[FinishedRuns]:
         """Run `points` from the first one on, in whole lines where a state is carried; yield the runs."""
         rows = self.grid.rows_at(points)
-        has_ways = "direction" in self.grid.axes
-        if has_ways or needs_of(self.observers):
+        has_directions = "direction" in self.grid.axes
+        if has_directions or needs_of(self.observers):
             for first in range(0, points.size, self.line):
                 line = slice(first, first + self.line)
                 # results lie by increasing values of the axis; on the way down the run begins at the last of them
-                way = -1 if has_ways and self.grid.values(points[first])["direction"] else 1
-                yield from self._carried(points[line][::way], rows[line][::way], results[line][::way], space)
+                step = -1 if has_directions and self.grid.values(points[first])["direction"] else 1
+                yield from self._carried(points[line][::step], rows[line][::step], results[line][::step], space)
         else:
             out, codes = blank(len(rows))
             done = run_patiently(rows, self.how, out, codes, until=SLOW_MODES, space=space)

@@ -141,7 +141,7 @@ class PointRunner(ExitStack):
             raise Stopped(self.store.kept, self._stop.signal)
 
 
-def settle_way(*, progress: bool) -> None:
+def prepare_kernel(*, progress: bool) -> None:
     """Compile or load the kernel, and prove it, in a thread: signals wait while the main thread is in the compiler.
 
     This comes before its version is written or compared, as only compiling shows how the kernel can be compiled. It

@@ -44,7 +44,7 @@ TASK_POINTS = 1 << 18  # largest number of points of a task, however quick they 
 TILES_PER_WORKER = 4  # least number of tasks for each worker, so that no worker idles for long at the end
 TASK_SECONDS = 0.004  # greatest cost of a task to driver and scheduler [s]: tasks are longer for more workers
 
-LOST = "scheduler: the connection to the cluster is lost; what was finished is kept"
+DISCONNECTED = "scheduler: the connection to the cluster is lost; what was finished is kept"
 
 
 class Pool(NamedTuple):
@@ -260,13 +260,13 @@ def cluster(client: Any) -> Iterator[Pool]:
             executor.shutdown(wait=False)
 
 
-def answers(ask: Callable[..., dict[str, Any]], *given: Any, **more: Any) -> dict[str, Any]:
+def answers(call: Callable[..., dict[str, Any]], *given: Any, **more: Any) -> dict[str, Any]:
     """Return the answers to a method of a client, by worker, within `ANSWER_SECONDS`.
 
     If the scheduler hangs, or the connection is broken, the error is the only entry, under "".
     """
     try:
-        return ask(*given, callback_timeout=ANSWER_SECONDS, **more)
+        return call(*given, callback_timeout=ANSWER_SECONDS, **more)
     except Exception as error:  # the errors after a broken connection have no common class in distributed
         return {"": error}
 
@@ -277,7 +277,7 @@ def _connection() -> Iterator[None]:
     try:
         yield
     except Exception as error:  # the errors after a broken connection have no common class in distributed
-        raise UserError(f"{LOST} ({type(error).__name__}: {error})") from error
+        raise UserError(f"{DISCONNECTED} ({type(error).__name__}: {error})") from error
 
 
 def outcome(future: "Future[TaskResult]", points: int) -> TaskResult:
@@ -291,7 +291,7 @@ def outcome(future: "Future[TaskResult]", points: int) -> TaskResult:
     try:
         return future.result()
     except CancelledError:
-        raise UserError(LOST) from None
+        raise UserError(DISCONNECTED) from None
     except UserError:
         raise
     except Exception as error:  # an error of the machinery: `attempt` catches errors of the kernel

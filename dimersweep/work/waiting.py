@@ -35,7 +35,7 @@ class Patience:
     def __init__(self, pool: Any, stop: StopFlag, seconds: float | None, *, show: bool) -> None:
         self.pool, self.stop, self.seconds, self.show = pool, stop, inf if seconds is None else seconds, show
         # times of the last line, of the last result, and of the last look at which all workers were there [s]
-        self.told = self.came = self.well = monotonic()
+        self.printed = self.came = self.well = monotonic()
 
     def look(self, *, came: bool) -> None:
         """Note whether a result has come since the last look; print a line or set the flag if it is time."""
@@ -46,8 +46,8 @@ class Patience:
         if silent >= self.seconds:
             self.stop.given_up = f"no result for {clock(silent)}; {self.pool.words()}"
             self.stop.set()
-        elif self.show and now - max(self.told, min(self.came, self.well)) >= SILENT_SECONDS:
-            self.told = now
+        elif self.show and now - max(self.printed, min(self.came, self.well)) >= SILENT_SECONDS:
+            self.printed = now
             words = f"no result for {clock(silent)}; " if silent >= 1.0 else ""
             print(words + self.pool.words(), file=sys.stderr, flush=True)
 
@@ -57,7 +57,7 @@ def lacks(client: Any, there: Mapping[str, int]) -> bool:
     return len(there) < max(1, len(getattr(client.cluster, "plan", ())))
 
 
-def words_for(client: Any, there: Mapping[str, int], told_to_leave: Sequence[bool], unready: int) -> str:
+def words_for(client: Any, there: Mapping[str, int], retired: Sequence[bool], unready: int) -> str:
     """Return a line on the workers of a client; if some are missing, also on the jobs of the cluster and their logs.
 
     Parameters
@@ -65,14 +65,14 @@ def words_for(client: Any, there: Mapping[str, int], told_to_leave: Sequence[boo
     client : distributed.Client
     there : mapping
         Threads of each worker that is there.
-    told_to_leave : sequence of bool
+    retired : sequence of bool
         True for each worker that has left because it was told to, False if it died.
     unready : int
         Number of workers that have not compiled or loaded the kernel yet.
     """
     words = f"{len(there)} workers with {sum(there.values())} threads" if there else "no worker"
     words += f"; {unready} have yet to compile or load the kernel" if unready else ""
-    left, died = len(told_to_leave), told_to_leave.count(False)
+    left, died = len(retired), retired.count(False)
     words += f"; {left} have left" if left else ""
     words += f", {died} of them untold: {MEMORY}" if died else ""
     cluster = client.cluster

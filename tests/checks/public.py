@@ -13,7 +13,7 @@ import xarray as xr
 
 import dimersweep
 from dimersweep import cli, errors, fits, orbits, plots
-from dimersweep.symbols import GIVEN
+from dimersweep.symbols import ACCEPTED
 
 FORMER = Path(__file__).parents[1] / "data" / "1.0"
 ROOMS = {"dimersweep": dimersweep, "orbits": orbits, "fits": fits, "plots": plots, "errors": errors}
@@ -67,9 +67,9 @@ def options() -> Iterator[str]:
     """Yield each command with its arguments and options, and the defaults of these."""
     group: Any = typer.main.get_command(cli.app)
     for name, command in sorted(group.commands.items()):
-        own = [each for each in command.params if each.name not in GIVEN]
+        own = [each for each in command.params if each.name not in ACCEPTED]
         if len(own) < len(command.params):
-            yield f"{name} --{' --'.join(each.name for each in command.params if each.name in GIVEN)}"
+            yield f"{name} --{' --'.join(each.name for each in command.params if each.name in ACCEPTED)}"
         for each in sorted(own, key=lambda each: each.name):
             words = " ".join([*each.opts, *each.secondary_opts])
             yield f"{name} {words}{'' if each.default is None else f' = {each.default}'}"

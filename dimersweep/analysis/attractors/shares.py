@@ -37,7 +37,7 @@ from dimersweep.studies.observing import own_of
 from dimersweep.studies.point_tables import between
 from dimersweep.studies.study import Study
 from dimersweep.symbols import INSTEAD, PARAMETERS, START, Quantity
-from dimersweep.work.computing import settle_way
+from dimersweep.work.computing import prepare_kernel
 from dimersweep.work.options import make_options
 
 TITLE = "Attractors and the shares of starts that lead to them"
@@ -198,7 +198,7 @@ def attractors(
         confirm=longest,
         slow=check_switch("slow", slow),
     )
-    settle_way(progress=progress)
+    prepare_kernel(progress=progress)
     data = study.as_cube(in_memory(study, make_options(workers=workers, progress=progress))[0])
     if out is not None:
         asked = {"periods": periods, "max_periods": max_periods, "rtol": rtol, "mirror": mirrored, "level": wanted}
@@ -250,11 +250,11 @@ def _spread(name: str, given: Any) -> tuple[float, float, float]:
     if name == "phi0" and isinstance(given, str) and given == "any":
         return 0.0, tau, 0.0
     if isinstance(given, Mapping) and {*given} in ({"value", "within"}, {"value", "sigma"}):
-        way = "sigma" if "sigma" in given else "within"
-        value, by = (fixed_value(name, given[each]) for each in ("value", way))
+        key = "sigma" if "sigma" in given else "within"
+        value, by = (fixed_value(name, given[each]) for each in ("value", key))
         if by < 0:
-            raise ParameterError(f"{name}: {way} = {by:g}: must be >= 0")
-        return (value, value, by) if way == "sigma" else (value - by, value + by, 0.0)
+            raise ParameterError(f"{name}: {key} = {by:g}: must be >= 0")
+        return (value, value, by) if key == "sigma" else (value - by, value + by, 0.0)
     if not isinstance(given, list | tuple | np.ndarray) or len(given) != 2:
         about = '{"value": ..., "within": ...} or {"value": ..., "sigma": ...}'
         raise ParameterError(f"{name} = {given!r}: must be a pair of its least and its greatest value, or {about}")
@@ -271,8 +271,8 @@ def _without_phase(fixed: Any, drawn: Any) -> Any:
     if "phi0" not in drawn or not isinstance(fixed, Mapping) or fixed.get("harmonics") is None:
         return fixed
     later = {name: fixed[name] for name in fixed if name in INSTEAD}  # parameters that they depend on may vary
-    told = spelt_out({name: fixed[name] for name in fixed if name not in INSTEAD})
-    return {name: value for name, value in told.items() if name != "phi0" or value} | later
+    parameters = spelt_out({name: fixed[name] for name in fixed if name not in INSTEAD})
+    return {name: value for name, value in parameters.items() if name != "phi0" or value} | later
 
 
 def _on_one_plate(drawn: Grid, over: str) -> Grid:

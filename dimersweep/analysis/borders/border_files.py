@@ -35,7 +35,7 @@ from dimersweep.storage.provenance import attributes
 from dimersweep.storage.store import Store, StoredTile, finished_at, opened_store
 from dimersweep.studies.declared import read_sections
 from dimersweep.symbols import PARAMETERS, START, Quantity
-from dimersweep.work.computing import settle_way
+from dimersweep.work.computing import prepare_kernel
 
 Tell = Callable[[str], None]
 Maker = Callable[[Tell], xr.Dataset]
@@ -228,10 +228,10 @@ def make_borders(
         On Ctrl-C or SIGTERM; the message says which parts are kept.
     """
     out = None if out is None else check_output(out, force=force, what="a table", endings=TABLES)
-    settle_way(progress=False)
+    prepare_kernel(progress=False)
     start, makers = perf_counter(), declared.parts()
     with opened_store(Store, out and parts_of(out), declared.configuration, len(makers), force=force) as store:
-        for line in store.trouble:
+        for line in store.damage:
             warnings.warn(line, RuntimeWarning, stacklevel=2)
         before = _names(store.summaries())
         if before:
@@ -325,8 +325,8 @@ def _joined(declared: Borders, tables: list[xr.Dataset]) -> xr.Dataset:
 
 def _parted(table: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """Return a table without its columns along `meeting`, and these columns alone."""
-    beside = [name for name, each in table.data_vars.items() if "meeting" in each.dims]
-    return table.drop_vars(beside), table[beside].reset_coords(drop=True)
+    meetings = [name for name, each in table.data_vars.items() if "meeting" in each.dims]
+    return table.drop_vars(meetings), table[meetings].reset_coords(drop=True)
 
 
 def _curve(declared: Borders, curves: Curves, kind: str, tell: Tell) -> xr.Dataset:

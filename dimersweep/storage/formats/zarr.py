@@ -140,7 +140,7 @@ def _chunks_of(variable: xr.Variable) -> tuple[int, ...]:
 
 
 def _lacking(folder: Path, variable: xr.Variable, where: tuple[Any, ...] | None = None) -> int:
-    """Return the number of chunks without a file, of those that have values at `where`, or of all."""
+    """Return the number of chunks of a variable without a file, among those with values at `where`, or among all."""
     sizes = list(zip(variable.shape, _chunks_of(variable), strict=True))
     numbers: list[Any] = [range(-(-length // chunk)) for length, chunk in sizes]
     if where is not None:

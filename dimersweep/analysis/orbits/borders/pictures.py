@@ -17,7 +17,7 @@ from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, STABLE_F
 from dimersweep.cubes.cube import names
 from dimersweep.cubes.findings import edges_of
 from dimersweep.errors import ParameterError
-from dimersweep.plots.style import MODE_COLORS, Board, Look, board, fixed_of, given, ink, log_scale, mark
+from dimersweep.plots.style import MODE_COLORS, Board, Look, board, fixed_of, ink, log_scale, mark, parameter_shown
 from dimersweep.symbols import BASE, PARAMETERS, conditions
 
 # line styles of the lines of one border, in the order of the values of the other axes
@@ -102,7 +102,7 @@ def curves(table: xr.Dataset, over: xr.Dataset | None, look: Look) -> Figure:
         if np.isfinite(flat.sel(kind=kind)[y]).any():
             handles.append(Line2D([], [], color=color, label=kind))
     for line, style in lines if others else ():
-        words = ", ".join(given(name, float(line[name])) for name in others)
+        words = ", ".join(parameter_shown(name, float(line[name])) for name in others)
         handles.append(Line2D([], [], color="gray", linestyle=style, label=words))
     handles += closed
     mark(axes.xaxis, x)
@@ -168,7 +168,7 @@ def branches(table: xr.Dataset, look: Look) -> Figure:
     kinds = [kind for kind in MARKERS if (table["special"].values == kind).any()]
     handles += [Line2D([], [], color=ink(), linestyle="", marker=MARKERS[kind], label=kind) for kind in kinds]
     for key, color in colors.items() if groups else ():
-        words = ", ".join(given(str(name), value) for name, value in zip(groups, key, strict=True))
+        words = ", ".join(parameter_shown(str(name), value) for name, value in zip(groups, key, strict=True))
         handles.append(Line2D([], [], color=color, label=words))
     place.legend("lower center", handles, fontsize="small", ncols=4)
     if x in PARAMETERS:
@@ -226,7 +226,7 @@ def families(table: xr.Dataset, look: Look) -> Figure:
     spin = table["spin"].values
     for k in range(table.sizes["over"]):
         row = table.isel(over=k)
-        words = ", ".join(given(name, float(row[name])) for name in given_by)
+        words = ", ".join(parameter_shown(name, float(row[name])) for name in given_by)
         for axes, name in zip(panels, PANELS, strict=False):
             axes.plot(spin, row[name], color=f"C{k}", label=words)
         known = np.flatnonzero(np.isfinite(row["period"].values))

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import line_number, made_number, same_number, settings_in
+from dimersweep.cubes.cube import line_number, same_number, settings_in, settings_number
 from dimersweep.cubes.grid import DIRECTIONS, Grid
 from dimersweep.errors import ParameterError
 from dimersweep.extensions import ATTRACTORS
@@ -15,8 +15,8 @@ from dimersweep.parameters import reduced, value_of, without_effect
 from dimersweep.runs.solving import RunSettings
 from dimersweep.symbols import ENDS, HIGHER, PARAMETERS, SETTINGS
 
-AS_MADE = "take the point from the cube as it was made"
-LOST_HERE = f"the point has lost it (where it was dropped, renamed, or put together with others); {AS_MADE}"
+TAKE_WHOLE = "take the point from the cube as it was made"
+MISSING_HERE = f"the point has lost it (where it was dropped, renamed, or put together with others); {TAKE_WHOLE}"
 
 
 class PointSource(NamedTuple):
@@ -42,7 +42,7 @@ class PointSource(NamedTuple):
     place: int
 
 
-def behind(point: xr.Dataset) -> PointSource:
+def source_of(point: xr.Dataset) -> PointSource:
     """Return the parameters and settings from which one point of a cube was made.
 
     Raises
@@ -50,12 +50,15 @@ def behind(point: xr.Dataset) -> PointSource:
     ParameterError
         If `point` is not one point, lacks a parameter or a setting, or has no run.
     """
-    told, parameters = _settings_of(point), _parameters_at(point)
+    settings, parameters = _settings_of(point), _parameters_at(point)
     how = RunSettings(
-        int(told["periods"]), int(told["max_periods"]), told["rtol"], stop_when_settled=bool(told["stop_when_settled"])
+        int(settings["periods"]),
+        int(settings["max_periods"]),
+        settings["rtol"],
+        stop_when_settled=bool(settings["stop_when_settled"]),
     )
-    line, place = _line_of(point, parameters, told["line"]) if "line" in told else (None, 0)
-    return PointSource(_reduced(parameters), how, told["kernel"], line, place)
+    line, place = _line_of(point, parameters, settings["line"]) if "line" in settings else (None, 0)
+    return PointSource(_reduced(parameters), how, settings["kernel"], line, place)
 
 
 def parameters_of(point: xr.Dataset) -> dict[str, float]:
@@ -69,38 +72,40 @@ def parameters_of(point: xr.Dataset) -> dict[str, float]:
     return _reduced(_parameters_at(point))
 
 
-def _reduced(told: dict[str, float]) -> dict[str, float]:
+def _reduced(parameters: dict[str, float]) -> dict[str, float]:
     """Return parameters without those that follow from others; raise `ParameterError` if one contradicts the others."""
-    kept: dict[str, float] = reduced(told)
+    kept: dict[str, float] = reduced(parameters)
     # where the ends differ, the value of both ends is used by nothing, and may be anything
     unlike = {name for name in without_effect(kept) if len({kept[end] for end in ENDS[name]}) > 1}
-    for name, value in told.items():
+    for name, value in parameters.items():
         if name not in unlike and {value_of(each, kept) for each in ENDS.get(name, (name,))} != {value}:
-            raise ParameterError(f"{name} = {value:g}: is not that of the run of this point; {AS_MADE}")
+            raise ParameterError(f"{name} = {value:g}: is not that of the run of this point; {TAKE_WHOLE}")
     return kept
 
 
 def _parameters_at(point: xr.Dataset) -> dict[str, float]:
     """Return all parameters that a point has; raise `ParameterError` if one is missing or comes from another cube."""
-    told = {name: _value(point, name) for name in PARAMETERS if name in point.variables}
+    parameters = {name: _value(point, name) for name in PARAMETERS if name in point.variables}
     if _tells_all(point):
-        lost = [name for name in ROW if name not in told and name not in HIGHER]
+        missing = [name for name in ROW if name not in parameters and name not in HIGHER]
     else:  # a cube of an earlier version has only the parameters that were given
         known = _configuration(point)
         given = {*known.get("grid", {}), *known.get("points", {}), *known.get("fixed", {})} - {"direction"}
         given |= {known["search"]["axis"]} if "search" in known else set()
-        lost = [name for name in ROW if value_of(name, told) is None] + [*given - {*told}]
-        if given and {*told} - given:
-            raise ParameterError(f"{min({*told} - given)}: comes from another cube than this point; {AS_MADE}")
-    if lost:
-        raise ParameterError(f"{lost[0]}: {LOST_HERE}")
+        missing = [name for name in ROW if value_of(name, parameters) is None] + [*given - {*parameters}]
+        if given and {*parameters} - given:
+            raise ParameterError(f"{min({*parameters} - given)}: comes from another cube than this point; {TAKE_WHOLE}")
+    if missing:
+        raise ParameterError(f"{missing[0]}: {MISSING_HERE}")
     if ATTRACTORS not in point["mode"].dims:
         _value(point, "mode")
     if "made_with" in point:
         varied = point["made_with"].attrs.get("varied", "").split()
-        if not same_number(_value(point, "made_with"), made_number(point, varied)):
-            raise ParameterError(f"made_with: parameters or settings at this point are not those of its run; {AS_MADE}")
-    return told
+        if not same_number(_value(point, "made_with"), settings_number(point, varied)):
+            raise ParameterError(
+                f"made_with: parameters or settings at this point are not those of its run; {TAKE_WHOLE}"
+            )
+    return parameters
 
 
 def was_carried(point: xr.Dataset) -> bool:
@@ -131,7 +136,7 @@ def _value(point: xr.Dataset, name: str) -> float:
     value = float(values.item())
     if np.isnan(value):
         found = "the search has found none here; give one"
-        none = f"has no value at this point, which the cubes it is put together from do not have; {AS_MADE}"
+        none = f"has no value at this point, which the cubes it is put together from do not have; {TAKE_WHOLE}"
         raise ParameterError(f"{name}: {found if 'answer' in point and name in point.data_vars else none}")
     return value
 
@@ -142,10 +147,10 @@ def _settings_of(point: xr.Dataset) -> dict[str, float]:
         try:
             return settings_in(_configuration(point))
         except KeyError as error:
-            raise ParameterError(f"{error.args[0]}: {LOST_HERE}") from None
+            raise ParameterError(f"{error.args[0]}: {MISSING_HERE}") from None
     for name in SETTINGS:
         if name not in point.variables and (name != "line" or "direction" in point.variables):
-            raise ParameterError(f"{name}: {LOST_HERE}")
+            raise ParameterError(f"{name}: {MISSING_HERE}")
     return {name: _value(point, name) for name in SETTINGS if name in point.variables}
 
 
@@ -155,17 +160,17 @@ def _line_of(point: xr.Dataset, parameters: dict[str, float], number: float) -> 
     `number` is the `line` of the point; the line that the configuration describes must have the same.
     """
     if "direction" not in point.variables:
-        raise ParameterError(f"direction: {LOST_HERE}")
+        raise ParameterError(f"direction: {MISSING_HERE}")
     known = _configuration(point)
     if "direction" not in known.get("grid", {}) or not same_number(line_number(known), number):
         raise ParameterError(
-            f"line: a state was carried to this point along other values than the cube tells; {AS_MADE}"
+            f"line: a state was carried to this point along other values than the cube tells; {TAKE_WHOLE}"
         )
     axis, values = list(known["grid"].items())[-1]
     fixed = {name: parameters[name] for name in (*known["grid"], *known["fixed"]) if name not in ("direction", axis)}
     along = values if DIRECTIONS[int(_value(point, "direction"))] == "up" else values[::-1]
     if parameters[axis] not in along:
         raise ParameterError(
-            f"{axis} = {parameters[axis]}: is not on the line along which a state was carried; {AS_MADE}"
+            f"{axis} = {parameters[axis]}: is not on the line along which a state was carried; {TAKE_WHOLE}"
         )
     return Grid({axis: np.array(along)}, fixed), along.index(parameters[axis])
