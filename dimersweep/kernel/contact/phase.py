@@ -39,7 +39,8 @@ FALLING = 0.15
 SOON = 0.1
 # rate at which friction brakes the turn of a spinning dimer, per forcing period, from which on this is stiff
 BRAKED = 1e3
-# turns of a slip (gamma / v times the step) that an explicit step may span: what the method bears before it is unstable
+# turns of a slip (gamma / v times the step) that an explicit step may span: DOP853 is stable up to 6.4 on the negative
+# real axis, and gamma is a bound on the rate of the turning
 PHASE_TURNS = 7.0
 LONGEST_STEP = 0.25  # longest step, in forcing periods
 # first steps, in forcing periods and in xi, over the tolerance to the power of 1/8 (errors go with the eighth power of

@@ -55,7 +55,7 @@ LEG_COST = 0.5  # work of a step, in hops of one end: as measured
 OUT_OF_LEG_STEPS, GOES_ON = -1, -2  # in place of an event
 # first step, over the tolerance to the power of 1/8 (errors go with the eighth power of a step)
 FIRST_LEG_STEP = 4.0
-# turns of a slip that a step may span: what the method bears before it is unstable
+# turns of a slip that a step may span: DOP853 is stable up to 6.4 on the negative real axis
 LEG_TURNS = 5.5
 # steps in a row with a slip that counts as none, after which the end sticks where friction can hold it
 LASTS = 30
