@@ -447,36 +447,36 @@ def dimer_from(values: Mapping[str, float]) -> Dimer:
     return dimer_of(fill_rows(values, 1)[0])
 
 
-Given = float | str | None  # a number in the SI unit, or a text with a unit such as "16 deg"
+Value = float | str | None  # a number in the SI unit, or a text with a unit such as "16 deg"
 
 
 # parameters of the model as keyword arguments; what stands in for some of them; and higher harmonics of the plate
 ParameterKeywords = TypedDict("ParameterKeywords", {  # noqa: UP013 - a class would take a line for each name
-    "e": Given, "Gamma": Given, "f": Given, "A_r": Given, "mu": Given, "mu_s": Given, "beta0": Given,
-    "xdot0": Given, "phi0": Given, "r": Given, "rho_b": Given, "rho_r": Given, "D_r": Given, "g": Given,
-    "e_1": Given, "e_2": Given, "r_1": Given, "r_2": Given, "rho_b_1": Given, "rho_b_2": Given, "mu_1": Given,
-    "mu_2": Given, "mu_s_1": Given, "mu_s_2": Given, "Gamma_2": Given, "phi_2": Given, "mu_h": Given,
-    "mu_h_1": Given, "mu_h_2": Given, "eta": Given, "k_ratio": Given, "tilt": Given, "azimuth": Given,
-    "Gamma_x": Given, "phi_x": Given, "Gamma_y": Given, "phi_y": Given, "theta0": Given, "ydot0": Given,
-    "betadot0": Given, "thetadot0": Given, "gammadot0": Given, "gap0": Given,
-    "l": Given, "A_z": Given, "v_z": Given, "harmonics": Any,
-    "Gamma_3": Given, "phi_3": Given, "Gamma_4": Given, "phi_4": Given, "Gamma_5": Given, "phi_5": Given,
-    "Gamma_6": Given, "phi_6": Given, "Gamma_7": Given, "phi_7": Given, "Gamma_8": Given, "phi_8": Given,
-    "Gamma_9": Given, "phi_9": Given, "Gamma_10": Given, "phi_10": Given, "Gamma_11": Given, "phi_11": Given,
-    "Gamma_12": Given, "phi_12": Given, "Gamma_13": Given, "phi_13": Given, "Gamma_14": Given, "phi_14": Given,
-    "Gamma_15": Given, "phi_15": Given, "Gamma_16": Given, "phi_16": Given, "Gamma_x_2": Given, "phi_x_2": Given,
-    "Gamma_x_3": Given, "phi_x_3": Given, "Gamma_x_4": Given, "phi_x_4": Given, "Gamma_x_5": Given,
-    "phi_x_5": Given, "Gamma_x_6": Given, "phi_x_6": Given, "Gamma_x_7": Given, "phi_x_7": Given,
-    "Gamma_x_8": Given, "phi_x_8": Given, "Gamma_x_9": Given, "phi_x_9": Given, "Gamma_x_10": Given,
-    "phi_x_10": Given, "Gamma_x_11": Given, "phi_x_11": Given, "Gamma_x_12": Given, "phi_x_12": Given,
-    "Gamma_x_13": Given, "phi_x_13": Given, "Gamma_x_14": Given, "phi_x_14": Given, "Gamma_x_15": Given,
-    "phi_x_15": Given, "Gamma_x_16": Given, "phi_x_16": Given, "Gamma_y_2": Given, "phi_y_2": Given,
-    "Gamma_y_3": Given, "phi_y_3": Given, "Gamma_y_4": Given, "phi_y_4": Given, "Gamma_y_5": Given,
-    "phi_y_5": Given, "Gamma_y_6": Given, "phi_y_6": Given, "Gamma_y_7": Given, "phi_y_7": Given,
-    "Gamma_y_8": Given, "phi_y_8": Given, "Gamma_y_9": Given, "phi_y_9": Given, "Gamma_y_10": Given,
-    "phi_y_10": Given, "Gamma_y_11": Given, "phi_y_11": Given, "Gamma_y_12": Given, "phi_y_12": Given,
-    "Gamma_y_13": Given, "phi_y_13": Given, "Gamma_y_14": Given, "phi_y_14": Given, "Gamma_y_15": Given,
-    "phi_y_15": Given, "Gamma_y_16": Given, "phi_y_16": Given,
+    "e": Value, "Gamma": Value, "f": Value, "A_r": Value, "mu": Value, "mu_s": Value, "beta0": Value,
+    "xdot0": Value, "phi0": Value, "r": Value, "rho_b": Value, "rho_r": Value, "D_r": Value, "g": Value,
+    "e_1": Value, "e_2": Value, "r_1": Value, "r_2": Value, "rho_b_1": Value, "rho_b_2": Value, "mu_1": Value,
+    "mu_2": Value, "mu_s_1": Value, "mu_s_2": Value, "Gamma_2": Value, "phi_2": Value, "mu_h": Value,
+    "mu_h_1": Value, "mu_h_2": Value, "eta": Value, "k_ratio": Value, "tilt": Value, "azimuth": Value,
+    "Gamma_x": Value, "phi_x": Value, "Gamma_y": Value, "phi_y": Value, "theta0": Value, "ydot0": Value,
+    "betadot0": Value, "thetadot0": Value, "gammadot0": Value, "gap0": Value,
+    "l": Value, "A_z": Value, "v_z": Value, "harmonics": Any,
+    "Gamma_3": Value, "phi_3": Value, "Gamma_4": Value, "phi_4": Value, "Gamma_5": Value, "phi_5": Value,
+    "Gamma_6": Value, "phi_6": Value, "Gamma_7": Value, "phi_7": Value, "Gamma_8": Value, "phi_8": Value,
+    "Gamma_9": Value, "phi_9": Value, "Gamma_10": Value, "phi_10": Value, "Gamma_11": Value, "phi_11": Value,
+    "Gamma_12": Value, "phi_12": Value, "Gamma_13": Value, "phi_13": Value, "Gamma_14": Value, "phi_14": Value,
+    "Gamma_15": Value, "phi_15": Value, "Gamma_16": Value, "phi_16": Value, "Gamma_x_2": Value, "phi_x_2": Value,
+    "Gamma_x_3": Value, "phi_x_3": Value, "Gamma_x_4": Value, "phi_x_4": Value, "Gamma_x_5": Value,
+    "phi_x_5": Value, "Gamma_x_6": Value, "phi_x_6": Value, "Gamma_x_7": Value, "phi_x_7": Value,
+    "Gamma_x_8": Value, "phi_x_8": Value, "Gamma_x_9": Value, "phi_x_9": Value, "Gamma_x_10": Value,
+    "phi_x_10": Value, "Gamma_x_11": Value, "phi_x_11": Value, "Gamma_x_12": Value, "phi_x_12": Value,
+    "Gamma_x_13": Value, "phi_x_13": Value, "Gamma_x_14": Value, "phi_x_14": Value, "Gamma_x_15": Value,
+    "phi_x_15": Value, "Gamma_x_16": Value, "phi_x_16": Value, "Gamma_y_2": Value, "phi_y_2": Value,
+    "Gamma_y_3": Value, "phi_y_3": Value, "Gamma_y_4": Value, "phi_y_4": Value, "Gamma_y_5": Value,
+    "phi_y_5": Value, "Gamma_y_6": Value, "phi_y_6": Value, "Gamma_y_7": Value, "phi_y_7": Value,
+    "Gamma_y_8": Value, "phi_y_8": Value, "Gamma_y_9": Value, "phi_y_9": Value, "Gamma_y_10": Value,
+    "phi_y_10": Value, "Gamma_y_11": Value, "phi_y_11": Value, "Gamma_y_12": Value, "phi_y_12": Value,
+    "Gamma_y_13": Value, "phi_y_13": Value, "Gamma_y_14": Value, "phi_y_14": Value, "Gamma_y_15": Value,
+    "phi_y_15": Value, "Gamma_y_16": Value, "phi_y_16": Value,
 }, total=False)  # fmt: skip
 
 
