@@ -250,15 +250,17 @@ def array(there: Slurm, bits: Bits, points: int, parts: int, most: int) -> Came:
 
 
 def silent(there: Slurm, name: str, words: tuple[str, ...], **asked: Any) -> Came:
-    """Nothing comes: how long it takes, after the beginning or the last result, until a line says so, with these words."""
+    """Nothing comes: how long the driver has printed nothing when a line says so, with these words."""
     made = Driver(there, name, MANY, **asked)
-    done, since = 0, made.begun
+    said, since = "", made.begun
 
     def heard() -> str:
-        nonlocal done, since
-        if made.points() != done or "begun" not in made.text:
-            done, since = made.points(), time.time()
-        return made.line(*words)
+        nonlocal said, since
+        line = made.line(*words)
+        now = "".join(each for each in made.text.splitlines() if not each.startswith('{"at"'))
+        if not line and now != said:
+            said, since = now, time.time()
+        return line
 
     line = made.wait_for(heard, SILENT + 60)
     took = time.time() - since
