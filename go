@@ -91,10 +91,10 @@ build_site() {
     echo "site: build/docs/index.html, in $((SECONDS - begun)) s"
 }
 
-# its pages, links and docstrings, without running the cells
+# its pages, links and docstrings, without running the cells or writing a page
 check_site() {
     rm -rf docs/generated
-    step "$@" python -m sphinx -W --keep-going --fresh-env --quiet -D nb_execution_mode=off \
+    step "$@" python -m sphinx -b dummy -W --keep-going --fresh-env --quiet -D nb_execution_mode=off \
         -D suppress_warnings=myst-nb.lexer docs "$scratch/site"
 }
 
