@@ -9,6 +9,7 @@
 # Each sets up a virtual environment first (.venv, or the folder that DIMERSWEEP_VENV names).
 set -euo pipefail
 cd "$(dirname "$0")"
+unset PYTHONDONTWRITEBYTECODE # hundreds of processes import the same sources, which one compiles for all
 venv=${DIMERSWEEP_VENV:-.venv}
 
 find_python() {
