@@ -21,7 +21,7 @@ COMMANDS = {
     "fit": "commands.measuring:fit",
     "waveform": "commands.measuring:waveform",
 }
-# examples that the help of each command shows, by its name
+# class of each command, and examples that its help shows, by its name
 COMMAND_EXAMPLES = "commands:ANALYSIS_EXAMPLES"
 # variables by which tables of attractors, and of orbits, are known
 ATTRACTORS, ORBITS = "attractor", "slow_multiplier"

@@ -153,7 +153,7 @@ def test_parameters_stand_in_groups():
 
 def test_each_example_of_the_help_is_a_call_that_is_understood():
     group = get_command(cli.app)
-    for command, examples in cli.EXAMPLES.items():
+    for command, (_, *examples) in cli.EXAMPLES.items():
         for example in examples:
             name, *arguments = shlex.split(example.partition(">")[0])
             assert name == command.__name__

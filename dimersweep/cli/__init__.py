@@ -9,10 +9,11 @@ from io import TextIOWrapper
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 
 from dimersweep.cli.drawing import explore, plot
 from dimersweep.cli.motion import lyapunov, power
+from dimersweep.cli.printing import Command, DimerCommand, Plain, PrintingCommand
 from dimersweep.cli.simulating import simulate
 from dimersweep.cli.sweeping import merge, plan, presets, run, status, warm
 from dimersweep.errors import UserError, unknown
@@ -21,22 +22,8 @@ from dimersweep.extensions import COMMAND_EXAMPLES, COMMANDS, is_installed, load
 INTERRUPTED = 130  # exit code that shells expect after Ctrl-C: 128 + SIGINT (2)
 
 
-class _Plain:
-    """A command or a group of commands whose flags are shown without a type."""
-
-    def get_params(self, context: Any) -> Any:
-        params = super().get_params(context)  # type: ignore[misc]
-        for each in params:
-            each.metavar = "" if getattr(each, "is_flag", False) else each.metavar
-        return params
-
-
-class _Command(_Plain, TyperCommand):
-    pass
-
-
-class _Group(_Plain, TyperGroup):
-    pass
+class _Group(Plain, TyperGroup):
+    """The group of all commands."""
 
 
 app = typer.Typer(
@@ -46,35 +33,42 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-EXAMPLES: dict[Callable[..., None], tuple[str, ...]] = {
+# commands: the class of each, by the options that it has beside its own; and examples that its help shows
+EXAMPLES: dict[Callable[..., None], tuple[Any, ...]] = {
     simulate: (
+        DimerCommand,
         "simulate --Gamma 0.9 --f 15 --beta0 16deg --periods 200 --plot run.png",
         "simulate --A_z 1mm --f 15 --r_1 5.1mm --json",
     ),
-    run: ("run fig07", "run my.toml --out my.nc --workers 4 --certify", "run --from my.nc --out again.nc"),
-    merge: ("merge fig07.part-*.nc --out fig07.nc",),
-    presets: ("presets", "presets fig07 > my.toml"),
-    plan: ("plan fig08",),
-    status: ("status fig08.nc",),
-    plot: ("plot fig07.nc --select f=15", "plot fig14_16.nc --quantity radius"),
-    explore: ("explore", "explore fig08.nc"),
-    lyapunov: ("lyapunov --Gamma 3 --periods 300", "lyapunov --Gamma 3 --periods 300 --all --json"),
-    power: ("power --Gamma 0.9 --f 15", "power --A_z 1mm --out budget.nc"),
-    warm: ("warm",),
+    run: (
+        PrintingCommand,
+        "run fig07",
+        "run my.toml --out my.nc --workers 4 --certify",
+        "run --from my.nc --out again.nc",
+    ),
+    merge: (PrintingCommand, "merge fig07.part-*.nc --out fig07.nc"),
+    presets: (PrintingCommand, "presets", "presets fig07 > my.toml"),
+    plan: (PrintingCommand, "plan fig08"),
+    status: (PrintingCommand, "status fig08.nc"),
+    plot: (PrintingCommand, "plot fig07.nc --select f=15", "plot fig14_16.nc --quantity radius"),
+    explore: (Command, "explore", "explore fig08.nc"),
+    lyapunov: (DimerCommand, "lyapunov --Gamma 3 --periods 300", "lyapunov --Gamma 3 --periods 300 --all --json"),
+    power: (DimerCommand, "power --Gamma 0.9 --f 15", "power --A_z 1mm --out budget.nc"),
+    warm: (PrintingCommand, "warm"),
 }
 
 
-def _all_commands() -> dict[Callable[..., None], tuple[str, ...]]:
-    """Return each command with its examples: those of the engine, and those of the analysis where it is installed."""
+def _all_commands() -> dict[Callable[..., None], tuple[Any, ...]]:
+    """Return each command with its class and examples: those of the engine, and of the analysis where it is installed."""
     if not is_installed():
         return EXAMPLES
     examples = load(COMMAND_EXAMPLES, "commands")
     return EXAMPLES | {load(place, name): examples[name] for name, place in COMMANDS.items()}
 
 
-for command, examples in _all_commands().items():
+for command, (kind, *examples) in _all_commands().items():
     shown = "\n\n".join(f"dimersweep {each}" for each in examples)
-    app.command(cls=_Command, epilog=f"Examples:\n\n{shown}")(command)
+    app.command(cls=kind, epilog=f"Examples:\n\n{shown}")(command)
 
 
 def _show_version(wanted: bool) -> None:

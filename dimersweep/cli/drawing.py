@@ -10,7 +10,7 @@ import typer
 
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Force, argument, number_option, option
-from dimersweep.cli.printing import Printer, telling
+from dimersweep.cli.printing import Printer
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.symbols import ORBIT_NAMES, PARAMETERS, PICTURE_KINDS, QUANTITIES, parameter_shown
 
@@ -51,9 +51,8 @@ def keep(tell: Printer, made: Any, out: Path | None, plot: Path | None, *, force
         tell(f"picture: {plot}", picture=str(plot))
 
 
-@telling
 def plot(
-    tell: Printer,
+    context: typer.Context,
     cube: Annotated[Path, argument("CUBE", "Cube to draw, or borders, branches, families of orbits.")],
     *,
     kind: Annotated[
@@ -78,6 +77,7 @@ def plot(
     force: Force = False,
 ) -> None:
     """Draw a cube: as it was declared, or another kind, a quantity, a selection."""
+    tell = context.obj.tell
     if kind is not None and kind not in PICTURE_KINDS:
         raise ParameterError(f"kind: {unknown(kind, 'kind of picture', PICTURE_KINDS)}")
     from dimersweep.plots import check_picture

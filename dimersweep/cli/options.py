@@ -1,6 +1,5 @@
 """Options that several commands share, and the checking of their texts."""
 
-import inspect
 import sys
 from collections.abc import Callable, Iterable
 from itertools import chain
@@ -58,11 +57,6 @@ Rtol = Annotated[float | None, number_option("Accuracy, in place of the declared
 Accuracy = Annotated[float, number_option("Accuracy, 1e-13 to 1e-2.")]
 
 
-def typed(parameters: dict[str, Any]) -> dict[str, Any]:
-    """Return those of the parameters of `with_parameters` that were typed."""
-    return {name: value for name, value in parameters.items() if value is not None}
-
-
 def parted(text: str, count: int, also: tuple[str, ...] = ()) -> tuple[str, Any]:
     """Return the name and the `count` values in a text such as Gamma=0.8:1:0.05, or phi0=any.
 
@@ -104,21 +98,35 @@ def _group_of(name: str) -> str:
     return "Imperfections" if name in LEFT_OUT else "Dimer"
 
 
-def with_parameters(command: Callable[..., None]) -> Callable[..., None]:
-    """Give `command` an option for each parameter of the model, in place of its ``**parameters``, and return it."""
-    signature = inspect.signature(command)
-    options = [parameter for parameter in signature.parameters.values() if parameter.kind is not parameter.VAR_KEYWORD]
-    for name, quantity in ACCEPTED.items():  # values stay texts here: `Parameters`, which knows the units, reads them
-        either = quantity.units + {"rad": ", or 16deg", "m": ", or 2mm"}.get(quantity.units, "")
-        units = "" if quantity.units == "1" else f" ({either})"
-        meaning = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")
-        how: dict[str, Any] = {"group": _group_of(name), "parser": str, "metavar": "NUMBER", "hidden": name in HIGHER}
-        kind = Annotated[Any, option(meaning, f"--{name}", **how)]
-        options.append(inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind))
-    harmonics = Annotated[
+def options_of(function: Callable[..., None]) -> list[Any]:
+    """Return the options that Typer makes of the signature of a function."""
+    alone = typer.Typer(add_completion=False)
+    alone.command()(function)
+    options: list[Any] = typer.main.get_command(alone).params
+    return options
+
+
+def _of_parameter(name: str) -> Any:
+    """Return the option of a parameter of the model; its value stays a text, which `Parameters` reads with its unit."""
+    quantity = ACCEPTED[name]
+    either = quantity.units + {"rad": ", or 16deg", "m": ", or 2mm"}.get(quantity.units, "")
+    units = "" if quantity.units == "1" else f" ({either})"
+    meaning = f"{quantity.long_name}{units}" + ("" if name in INSTEAD else f"; {_by_default(name)} by default")
+    how: dict[str, Any] = {"group": _group_of(name), "parser": str, "metavar": "NUMBER", "hidden": name in HIGHER}
+
+    def typed(value: Annotated[Any, option(meaning, f"--{name}", **how)] = None) -> None: ...
+
+    (made,) = options_of(typed)
+    made.name = name
+    return made
+
+
+def _of_harmonics(
+    harmonics: Annotated[
         Path | None, option("File of the plate's motion (TOML), in place of Gamma, phi0, Gamma_2, ...", group="Plate")
-    ]
-    options.append(inspect.Parameter("harmonics", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=harmonics))
-    command.__signature__ = signature.replace(parameters=options)  # type: ignore[attr-defined]
-    command.__annotations__ = {option.name: option.annotation for option in options}
-    return command
+    ] = None,
+) -> None: ...
+
+
+# options of each command of a dimer: what `ACCEPTED` says of each parameter
+PARAMETER_OPTIONS = [*map(_of_parameter, ACCEPTED), *options_of(_of_harmonics)]

@@ -1,17 +1,16 @@
 """Print the results of commands: lines for people, one JSON object for programs, or nothing."""
 
-import inspect
 import sys
-from collections.abc import Callable, Iterable, Sequence
-from functools import wraps
+from collections.abc import Iterable, Sequence
 from math import isnan
 from shutil import get_terminal_size
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import typer
+from typer.core import TyperCommand
 
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import OUTPUT, in_lines, option
+from dimersweep.cli.options import OUTPUT, PARAMETER_OPTIONS, in_lines, option, options_of
 
 UNBOUNDED = 10**6  # columns of a console that is wider than any table
 
@@ -87,29 +86,56 @@ def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
                 typer.echo(in_lines(f"{'  ' if k else ''}{head}: {cell}"))
 
 
-def telling(command: Callable[..., None]) -> Callable[..., None]:
-    """Return `command` with the options --json and --quiet; it gets a `Printer` as its first argument.
+class CommandContext(NamedTuple):
+    """What a command has of its class, beside its own options: where it prints, and parameters that were typed."""
+
+    tell: Printer
+    parameters: dict[str, Any]
+
+
+class Plain:
+    """Base of commands, and of the group of them, whose flags are shown without a type."""
+
+    def get_params(self, context: Any) -> Any:
+        """Return all options, without the type of flags."""
+        params = super().get_params(context)  # type: ignore[misc]
+        for each in params:
+            each.metavar = "" if getattr(each, "is_flag", False) else each.metavar
+        return params
+
+
+def _of_output(
+    json: Annotated[bool, option("Print JSON.", "--json", group=OUTPUT)] = False,
+    quiet: Annotated[bool, option("Print nothing.", "--quiet", group=OUTPUT)] = False,
+) -> None: ...
+
+
+class Command(Plain, TyperCommand):
+    """Command with its own options alone."""
+
+
+class PrintingCommand(Command):
+    """Command with the options --json and --quiet, whose function finds a `Printer` in its context.
 
     A signal ends it with one line.
     """
-    signature = inspect.signature(command)
-    mine = {
-        "json": option("Print JSON.", "--json", group=OUTPUT),
-        "quiet": option("Print nothing.", "--quiet", group=OUTPUT),
-    }
-    options = [
-        inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=Annotated[bool, each])
-        for name, each in mine.items()
-    ]
 
-    @wraps(command)
-    def with_printer(*arguments: Any, json: bool, quiet: bool, **given: Any) -> None:
-        tell = Printer(json, quiet)
+    shared: ClassVar = options_of(_of_output)
+
+    def __init__(self, name: str | None, *, params: list[Any], **how: Any) -> None:
+        super().__init__(name, params=[*params, *self.shared], **how)
+
+    def invoke(self, context: Any) -> None:
+        """Run the function of the command, with what was asked in ``context.obj``, see `CommandContext`."""
+        given = {each.name: context.params.pop(each.name) for each in self.shared}
+        tell = Printer(given.pop("json"), given.pop("quiet"))
+        context.obj = CommandContext(tell, {name: value for name, value in given.items() if value is not None})
         with interruptible():
-            command(tell, *arguments, **given)
+            super().invoke(context)
         tell.end()
 
-    parameters = [*list(signature.parameters.values())[1:], *options]
-    with_printer.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    with_printer.__annotations__ = {each.name: each.annotation for each in parameters}
-    return with_printer
+
+class DimerCommand(PrintingCommand):
+    """Command that takes the parameters of a dimer as options, too."""
+
+    shared = PARAMETER_OPTIONS + PrintingCommand.shared

@@ -5,9 +5,11 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
 from dimersweep.cli.interrupting import interruptible
-from dimersweep.cli.options import OUTPUT, Accuracy, Force, in_lines, number_option, option, typed, with_parameters
-from dimersweep.cli.printing import Printer, print_table, telling
+from dimersweep.cli.options import OUTPUT, Accuracy, Force, in_lines, number_option, option
+from dimersweep.cli.printing import print_table
 from dimersweep.kernel.model.layout import DOWN_WORDS, RUN_COLUMNS
 from dimersweep.runs.outcomes import MissingValue
 from dimersweep.symbols import ORBIT_NAMES, QUANTITIES, stated
@@ -16,10 +18,8 @@ if TYPE_CHECKING:
     from dimersweep.runs.run import Run
 
 
-@telling
-@with_parameters
 def simulate(
-    tell: Printer,
+    context: typer.Context,
     *,
     periods: Annotated[int, number_option("Forcing periods to run.", int)] = 100,
     rtol: Accuracy = 1e-8,
@@ -36,10 +36,9 @@ def simulate(
         str | None, option("Bound on the time of the run (s, or 5min); none by default.", metavar="NUMBER")
     ] = None,
     force: Force = False,
-    **parameters: Any,
 ) -> None:
     """Run one dimer and print its mode and its orbit."""
-    parameters = typed(parameters)
+    tell, parameters = context.obj
     if plot is not None:
         from dimersweep.plots import check_picture
 

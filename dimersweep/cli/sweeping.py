@@ -8,7 +8,6 @@ import typer
 from dimersweep.cli.drawing import check_kind, check_picture_of, show_written
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Force, Periods, Rtol, Workers, argument, option
-from dimersweep.cli.printing import Printer, telling
 from dimersweep.studies.presets import find_declaration
 from dimersweep.studies.presets import presets as all_presets
 
@@ -28,9 +27,8 @@ Observe = Annotated[
 Declared = Annotated[Path | None, argument("SWEEP.toml", PRESET, words=all_presets)]
 
 
-@telling
 def run(
-    tell: Printer,
+    context: typer.Context,
     declaration: Declared = None,
     *,
     source: Annotated[
@@ -61,6 +59,7 @@ def run(
     force: Force = False,
 ) -> None:
     """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
+    tell = context.obj.tell
     declared = _declared(declaration, source, out, other_kernel=other_kernel)
     from dimersweep.storage.outputs import check_output
     from dimersweep.storage.tilestore import tiles_of
@@ -100,9 +99,8 @@ def run(
         show_written(tell, cube, cube_file, picture if plot else None, force=forced)
 
 
-@telling
 def merge(
-    tell: Printer,
+    context: typer.Context,
     parts: Annotated[list[Path], argument("PART...", "Files of all parts of a sweep, in any order.")],
     *,
     out: Annotated[Path, option("Cube to write.", group=OUTPUT)],
@@ -112,6 +110,7 @@ def merge(
     force: Force = False,
 ) -> None:
     """Make one cube of the parts of a sweep, which run --part has made, and draw it."""
+    tell = context.obj.tell
     picture = out.with_suffix(".png") if plot else None
     with interruptible(out, picture, again="run the same again with --force"):
         from dimersweep.studies.merging import merge
@@ -142,9 +141,8 @@ def _declared(
     return declared
 
 
-@telling
 def plan(
-    tell: Printer,
+    context: typer.Context,
     declaration: Annotated[Path, argument("SWEEP.toml", PRESET, words=all_presets)],
     *,
     workers: Workers = None,
@@ -154,6 +152,7 @@ def plan(
     observe: Observe = None,
 ) -> None:
     """Print points, size and time of a declared sweep from a timed sample; nothing is written."""
+    tell = context.obj.tell
     from dimersweep.studies.planning import plan
     from dimersweep.work.options import make_options
 
@@ -165,25 +164,26 @@ def plan(
     tell(*made.lines(), **made.as_dict())
 
 
-@telling
 def status(
-    tell: Printer, out: Annotated[Path, argument("CUBE", "Path of the cube that the sweep writes, finished or not.")]
+    context: typer.Context,
+    out: Annotated[Path, argument("CUBE", "Path of the cube that the sweep writes, finished or not.")],
 ) -> None:
     """Print how far the sweep for a cube has come, and whether a process is at work on it."""
+    tell = context.obj.tell
     from dimersweep.studies.status import status, status_lines
 
     state = status(out)
     tell(*status_lines(state), **state)
 
 
-@telling
 def presets(
-    tell: Printer,
+    context: typer.Context,
     name: Annotated[
         str | None, argument("NAME", "Preset whose file is printed, to be changed.", words=all_presets)
     ] = None,
 ) -> None:
     """List the sweeps that come with the program, or print one of them."""
+    tell = context.obj.tell
     from dimersweep.inputs import read_text, read_toml
 
     known = all_presets() | {f"borders/{each}": path for each, path in all_presets("borders").items()}
@@ -198,9 +198,9 @@ def presets(
         tell(f"{each:{width}}  {title}", **{each: title})
 
 
-@telling
-def warm(tell: Printer) -> None:
+def warm(context: typer.Context) -> None:
     """Compile the kernel, unless that was done before: for a job's prologue, or an image."""
+    tell = context.obj.tell
     from dimersweep.kernel import kernel_version
     from dimersweep.work.computing import prepare_kernel
 

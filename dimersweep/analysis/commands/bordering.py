@@ -3,16 +3,16 @@
 from pathlib import Path
 from typing import Annotated
 
+import typer
+
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import OUTPUT, Force, argument, option
-from dimersweep.cli.printing import Printer, telling
 from dimersweep.studies.presets import find_declaration
 from dimersweep.studies.presets import presets as all_presets
 
 
-@telling
 def borders(
-    tell: Printer,
+    context: typer.Context,
     declaration: Annotated[
         Path,
         argument(
@@ -29,6 +29,7 @@ def borders(
     force: Force = False,
 ) -> None:
     """Make borders, branches or families of orbits, and draw them. One that was stopped goes on where it was."""
+    tell = context.obj.tell
     from dimersweep.analysis.borders.border_files import make_borders, parts_of, plan_borders, read_borders
     from dimersweep.plots.style import check_picture, write_picture
     from dimersweep.storage.cubefiles import open_cube

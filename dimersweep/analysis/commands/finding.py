@@ -1,7 +1,9 @@
 """The commands for the orbits of one dimer, its motion after a long time, and the attractors of many starts."""
 
 from math import nan
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from dimersweep.cli.drawing import check_files, keep
 from dimersweep.cli.interrupting import interruptible
@@ -16,10 +18,8 @@ from dimersweep.cli.options import (
     number_option,
     option,
     parted,
-    typed,
-    with_parameters,
 )
-from dimersweep.cli.printing import Printer, telling
+from dimersweep.cli.printing import Printer
 from dimersweep.errors import ParameterError
 from dimersweep.symbols import QUANTITIES, units_shown
 
@@ -36,10 +36,8 @@ OF_LATER = ("spin", "radius", "period", "zeta")
 SETTLED_WITHIN = 2000  # longest run in which a start settles on its orbit, in forcing periods
 
 
-@telling
-@with_parameters
 def orbits(
-    tell: Printer,
+    context: typer.Context,
     *,
     spin: Spin = None,
     follow: Annotated[
@@ -48,25 +46,24 @@ def orbits(
     out: Table = None,
     plot: Drawn = None,
     force: Force = False,
-    **parameters: Any,
 ) -> None:
     """Print the circles that a dimer can walk for good, or the orbit of a spin, or its branch over a parameter."""
+    tell, parameters = context.obj
     if spin is None and (follow is not None or plot is not None):
         raise ParameterError("--follow and --plot need --spin, that of the orbit")
     if spin is not None and follow is None and out is not None:
         raise ParameterError("--out needs --follow, or no --spin: one orbit is no table")
     check_files(out, plot, force=force)
-    given = typed(parameters)
     with interruptible(out, plot):
         tell.report_compiling()
         from dimersweep.analysis import orbits as found
         from dimersweep.analysis.orbits.map.orbit import dataset
 
         if spin is None:
-            circles = found.sustained(**given)
+            circles = found.sustained(**parameters)
             _print(tell, "circles", circles, OF_CIRCLES)
             return keep(tell, circles, out, None, force=force)
-        orbit = found.find(spin=spin, **given)
+        orbit = found.find(spin=spin, **parameters)
         _print(tell, "orbits", dataset((orbit, *orbit.others), "orbit"), OF_ORBITS)
         if follow is None:
             return keep(tell, orbit, None, plot, force=force)
@@ -78,28 +75,25 @@ def orbits(
         return keep(tell, branch, out, plot, force=force)
 
 
-@telling
-@with_parameters
 def later(
-    tell: Printer,
+    context: typer.Context,
     *,
     spin: Spin = None,
     seconds: Annotated[str | None, option("Time (s, or 3h), or inf.", metavar="NUMBER")] = None,
     periods: Annotated[float | None, number_option("Time in forcing periods, in place of seconds.")] = None,
-    **parameters: Any,
 ) -> None:
     """Print on which circle a dimer walks after some hours, or in the end."""
+    tell, parameters = context.obj
     if (seconds is None) == (periods is None):
         raise ParameterError("give either --seconds, such as 3h, or --periods")
-    given = typed(parameters)
     tell.report_compiling()
     from dimersweep.analysis import orbits as found
     from dimersweep.runs.simulating import simulate
 
-    start = None if spin is not None else simulate(periods=SETTLED_WITHIN, stop_when_settled=True, **given)
+    start = None if spin is not None else simulate(periods=SETTLED_WITHIN, stop_when_settled=True, **parameters)
     if start is not None and not start.mode_period:
         raise ParameterError(f"the start leads to {start.mode}, which is on no orbit; give another one, or --spin")
-    orbit = found.find(start, spin=spin, **given)
+    orbit = found.find(start, spin=spin, **parameters)
     then = found.later(orbit, periods=periods, seconds=seconds)
     rows = [("at first", *(getattr(orbit, name) for name in OF_LATER), "")]
     for leap in then.leaps:
@@ -110,10 +104,8 @@ def later(
     tell.rows("later", {"when": "", **units, "mode": ""}, rows)
 
 
-@telling
-@with_parameters
 def attractors(
-    tell: Printer,
+    context: typer.Context,
     ranges: Annotated[list[str], argument("NAME=LOW:HIGH...", "Ranges of a start, such as beta0=1deg:89deg phi0=any.")],
     *,
     starts: Annotated[int, number_option("Starts that are drawn.", int)] = 1000,
@@ -128,11 +120,10 @@ def attractors(
     out: Table = None,
     plot: Drawn = None,
     force: Force = False,
-    **parameters: Any,
 ) -> None:
     """Print which motions there are, and the share of drawn starts that comes to each."""
+    tell, parameters = context.obj
     check_files(out, plot, force=force)
-    fixed = typed(parameters)
     drawn = dict(parted(each, 2) for each in ranges)
     name, values = parted(over, 3) if over else ("", [])
     with interruptible(out, plot):
@@ -141,7 +132,7 @@ def attractors(
 
         found = attractors(
             drawn,
-            fixed,
+            parameters,
             starts=starts,
             seed=seed,
             over={name: dict(zip(("start", "stop", "step"), values, strict=True))} if over else None,

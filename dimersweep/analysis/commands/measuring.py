@@ -4,6 +4,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
+
 from dimersweep.cli.drawing import check_files, keep
 from dimersweep.cli.interrupting import interruptible
 from dimersweep.cli.options import (
@@ -16,10 +18,7 @@ from dimersweep.cli.options import (
     number_option,
     option,
     parted,
-    typed,
-    with_parameters,
 )
-from dimersweep.cli.printing import Printer, telling
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.symbols import PARAMETERS
 
@@ -33,9 +32,8 @@ SOUGHT = 500  # lines within which the first numbers must stand: a longer head i
 Column = Annotated[str | None, option("Its column, where it is not found by its name.", metavar="NAME")]
 
 
-@telling
 def waveform(
-    tell: Printer,
+    context: typer.Context,
     record: Annotated[Path, argument("RECORD.csv", "Columns of times and accelerations.")],
     *,
     t: Column = None,
@@ -49,6 +47,7 @@ def waveform(
     force: Force = False,
 ) -> None:
     """Print the harmonics of a plate from a record of its accelerations, and write them to a file for --harmonics."""
+    tell = context.obj.tell
     check_files(out, plot, force=force, what="a waveform", endings=(".toml",))
     with interruptible(out, plot):
         from dimersweep.analysis.fits import Waveform
@@ -75,10 +74,8 @@ def fitted() -> list[str]:
     return [f"{name}=" for name in (*PARAMETERS, "spin")]
 
 
-@telling
-@with_parameters
 def fit(
-    tell: Printer,
+    context: typer.Context,
     track: Annotated[Path, argument("TRACK.csv", "Columns of times and places of the centre of mass.")],
     free: Annotated[list[str], argument("NAME=LOW:HIGH...", "Ranges to fit, such as e=0.5:0.7.", fitted)],
     *,
@@ -91,9 +88,9 @@ def fit(
     out: Annotated[Path | None, option("File of what is printed (.txt).", group=OUTPUT)] = None,
     plot: Drawn = None,
     force: Force = False,
-    **parameters: Any,
 ) -> None:
     """Print which parameters give a track, with their errors, and what it leaves open."""
+    tell, parameters = context.obj
     check_files(out, plot, force=force, what="a text", endings=(".txt",))
     ranges: Any = dict(parted(each, 2, also=("spin",)) for each in free)
     with interruptible(out, plot):
@@ -108,7 +105,7 @@ def fit(
         drawn = cycloid if moving else circle
         path = drawn(seen[columns["t"]], seen[columns["x"]], seen[columns["y"]], sigma)
         tell(in_lines(str(path)[1:-1]), track=path.values, track_errors=path.errors, sigma=path.sigma)
-        found = fit(path, ranges, spin=spin, progress=not tell.quiet, **typed(parameters))
+        found = fit(path, ranges, spin=spin, progress=not tell.quiet, **parameters)
         units = dict.fromkeys(("parameter", "value", "error", "low", "high", "unit"), "")
         rows = [
             (name, found.values[name], found.errors[name], *ends, unit_of(name)) for name, ends in found.ranges.items()
