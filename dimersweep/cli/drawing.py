@@ -77,7 +77,7 @@ def plot(
     force: Force = False,
 ) -> None:
     """Draw a cube: as it was declared, or another kind, a quantity, a selection."""
-    tell = context.obj.tell
+    tell, _ = context.obj
     if kind is not None and kind not in PICTURE_KINDS:
         raise ParameterError(f"kind: {unknown(kind, 'kind of picture', PICTURE_KINDS)}")
     from dimersweep.plots import check_picture

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterable, Sequence
 from math import isnan
 from shutil import get_terminal_size
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar
 
 import typer
 from typer.core import TyperCommand
@@ -86,13 +86,6 @@ def print_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
                 typer.echo(in_lines(f"{'  ' if k else ''}{head}: {cell}"))
 
 
-class CommandContext(NamedTuple):
-    """What a command has of its class, beside its own options: where it prints, and parameters that were typed."""
-
-    tell: Printer
-    parameters: dict[str, Any]
-
-
 class Plain:
     """Base of commands, and of the group of them, whose flags are shown without a type."""
 
@@ -126,10 +119,10 @@ class PrintingCommand(Command):
         super().__init__(name, params=[*params, *self.shared], **how)
 
     def invoke(self, context: Any) -> None:
-        """Run the function of the command, with what was asked in ``context.obj``, see `CommandContext`."""
+        """Run the function of the command; ``context.obj`` has its `Printer` and the parameters that were typed."""
         given = {each.name: context.params.pop(each.name) for each in self.shared}
         tell = Printer(given.pop("json"), given.pop("quiet"))
-        context.obj = CommandContext(tell, {name: value for name, value in given.items() if value is not None})
+        context.obj = tell, {name: value for name, value in given.items() if value is not None}
         with interruptible():
             super().invoke(context)
         tell.end()

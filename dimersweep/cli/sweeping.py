@@ -59,7 +59,7 @@ def run(
     force: Force = False,
 ) -> None:
     """Run a declared sweep: write its cube and draw it. One that was stopped goes on where it was."""
-    tell = context.obj.tell
+    tell, _ = context.obj
     declared = _declared(declaration, source, out, other_kernel=other_kernel)
     from dimersweep.storage.outputs import check_output
     from dimersweep.storage.tilestore import tiles_of
@@ -110,7 +110,7 @@ def merge(
     force: Force = False,
 ) -> None:
     """Make one cube of the parts of a sweep, which run --part has made, and draw it."""
-    tell = context.obj.tell
+    tell, _ = context.obj
     picture = out.with_suffix(".png") if plot else None
     with interruptible(out, picture, again="run the same again with --force"):
         from dimersweep.studies.merging import merge
@@ -152,7 +152,7 @@ def plan(
     observe: Observe = None,
 ) -> None:
     """Print points, size and time of a declared sweep from a timed sample; nothing is written."""
-    tell = context.obj.tell
+    tell, _ = context.obj
     from dimersweep.studies.planning import plan
     from dimersweep.work.options import make_options
 
@@ -169,7 +169,7 @@ def status(
     out: Annotated[Path, argument("CUBE", "Path of the cube that the sweep writes, finished or not.")],
 ) -> None:
     """Print how far the sweep for a cube has come, and whether a process is at work on it."""
-    tell = context.obj.tell
+    tell, _ = context.obj
     from dimersweep.studies.status import status, status_lines
 
     state = status(out)
@@ -183,7 +183,7 @@ def presets(
     ] = None,
 ) -> None:
     """List the sweeps that come with the program, or print one of them."""
-    tell = context.obj.tell
+    tell, _ = context.obj
     from dimersweep.inputs import read_text, read_toml
 
     known = all_presets() | {f"borders/{each}": path for each, path in all_presets("borders").items()}
@@ -200,7 +200,7 @@ def presets(
 
 def warm(context: typer.Context) -> None:
     """Compile the kernel, unless that was done before: for a job's prologue, or an image."""
-    tell = context.obj.tell
+    tell, _ = context.obj
     from dimersweep.kernel import kernel_version
     from dimersweep.work.computing import prepare_kernel
 

@@ -104,26 +104,13 @@ def column(dims: Any, entries: Any, said: Quantity | str, words: Sequence[str] =
 
 
 class Column(NamedTuple):
-    """Column of a table, see `table`.
-
-    Attributes
-    ----------
-    name : str
-    quantity : Quantity or str
-        Unit and meaning; a text is the meaning of a number without unit.
-    of : callable or array_like
-        Function that reads the value of a row, or the values of all rows.
-    words : sequence of str
-        Words of a flag.
-    along : str
-        Dimension of the values of one row, where a row has several.
-    """
+    """Column of a table, see `table`."""
 
     name: str
-    quantity: Quantity | str
-    of: Any
-    words: Sequence[str] = ()
-    along: str = ""
+    quantity: Quantity | str  # unit and meaning; a text is the meaning of a number without unit
+    of: Any  # function that reads the value of a row, or the values of all rows
+    words: Sequence[str] = ()  # words of a flag
+    along: str = ""  # dimension of the values of one row, where a row has several
 
 
 def table(rows: Collection[Any], columns: Iterable[Column], dims: str | tuple[str, ...]) -> xr.Dataset:

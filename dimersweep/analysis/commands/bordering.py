@@ -29,7 +29,7 @@ def borders(
     force: Force = False,
 ) -> None:
     """Make borders, branches or families of orbits, and draw them. One that was stopped goes on where it was."""
-    tell = context.obj.tell
+    tell, _ = context.obj
     from dimersweep.analysis.borders.border_files import make_borders, parts_of, plan_borders, read_borders
     from dimersweep.plots.style import check_picture, write_picture
     from dimersweep.storage.cubefiles import open_cube

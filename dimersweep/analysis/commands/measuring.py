@@ -47,7 +47,7 @@ def waveform(
     force: Force = False,
 ) -> None:
     """Print the harmonics of a plate from a record of its accelerations, and write them to a file for --harmonics."""
-    tell = context.obj.tell
+    tell, _ = context.obj
     check_files(out, plot, force=force, what="a waveform", endings=(".toml",))
     with interruptible(out, plot):
         from dimersweep.analysis.fits import Waveform
