@@ -191,12 +191,12 @@ def test_who_changes_the_physics_is_warned_and_goes_on(copy):
     program = (
         "import warnings, dimersweep\n"
         "with warnings.catch_warnings(record=True) as said:\n"
-        "    run = dimersweep.simulate(record=False)\n"
+        "    run = dimersweep.simulate(periods=1, record=False)\n"
         "lines = [str(each.message) for each in said]\n"
-        "print(round(run.orbit.radius, 3), *(line for line in lines if line.startswith('kernel')))"
+        "print(run.status, *(line for line in lines if line.startswith('kernel')))"
     )
-    radius, told = run_python(program, copy, NUMBA_DISABLE_JIT="1", DIMERSWEEP_OTHER_PHYSICS="1").split(" ", 1)
-    assert float(radius) == 4.286
+    status, told = run_python(program, copy, NUMBA_DISABLE_JIT="1", DIMERSWEEP_OTHER_PHYSICS="1").split(" ", 1)
+    assert status == "ok"
     assert told.startswith("kernel: gives other digits for the base case (radius 4.286")
     assert told.endswith("; DIMERSWEEP_OTHER_PHYSICS is set\n")
 

@@ -57,13 +57,8 @@ def _centre_speeds(states):
     return x**2 + y**2 + n**2
 
 
-@pytest.mark.parametrize(
-    "params",
-    [
-        pytest.param({"beta0": 0.0, "Gamma": 0.5}, marks=pytest.mark.long_uncompiled),
-        {"beta0": 0.0, "Gamma": 0.5, "xdot0": 0.0},
-    ],
-)
+@pytest.mark.long_uncompiled
+@pytest.mark.parametrize("params", [{"beta0": 0.0, "Gamma": 0.5}, {"beta0": 0.0, "Gamma": 0.5, "xdot0": 0.0}])
 def test_a_dimer_that_lies_on_the_plate_stays_there(params):
     run = simulate(**params, e=0.0, periods=6)
     late = run.states(np.linspace(3, 6, 31) / 15.0)
