@@ -10,8 +10,8 @@ from dimersweep.analysis.orbits.borders import bifurcation_curve
 from dimersweep.analysis.orbits.borders.bifurcation_curve import DOUBLED_FOLD, BifurcationCurve, doubling
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 from dimersweep.analysis.orbits.map.finding import checked
+from dimersweep.analysis.orbits.map.lost import OrbitLost
 from dimersweep.analysis.orbits.map.newton import newton
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
 
 
 class KnownMap:

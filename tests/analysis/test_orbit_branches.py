@@ -14,7 +14,7 @@ from dimersweep.analysis.orbits.continuation import following
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, COMPLEX, ComplexPair, change_of
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.finding import of_run
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
+from dimersweep.analysis.orbits.map.lost import OrbitLost
 from dimersweep.errors import OrbitError, ParameterError
 from tests.checks.tables import multipliers
 

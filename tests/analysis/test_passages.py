@@ -8,8 +8,8 @@ import pytest
 from dimersweep import orbits
 from dimersweep.analysis.orbits.map import poincare
 from dimersweep.analysis.orbits.map.finding import ball_state, checked, first_map
+from dimersweep.analysis.orbits.map.lost import OrbitLost
 from dimersweep.analysis.orbits.map.passage import TURN
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
 from dimersweep.kernel.model.contact_code import digits_of
 from dimersweep.kernel.model.event_row import E_AFTER, E_BEFORE, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import C_START, CA, CB, FREE, IMPACT, N1, PERIOD, PHASE, SPIN, THETA

@@ -7,22 +7,23 @@ J with vectors are needed. Each product is a difference of two images, whatever 
 point of a curve to the next the equations change little: each point begins with the derivative of the last one.
 """
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 from dimersweep.analysis.orbits.borders.curve import REACH, Curve, Found
-from dimersweep.analysis.orbits.continuation.branch import Axis
+from dimersweep.analysis.orbits.continuation.branch import Axis, Point
 from dimersweep.analysis.orbits.continuation.kinds import Bifurcation, change_of
 from dimersweep.analysis.orbits.continuation.specials import Special, on_its_border
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
+from dimersweep.analysis.orbits.map.lost import attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import eigenvector
 from dimersweep.analysis.orbits.map.newton import TOLERANCE, fixed_at, newton, target
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import TURN, OrbitLost, ReturnMap, first_found, singular_lost
+from dimersweep.analysis.orbits.map.poincare import TURN, ReturnMap
 
 # largest residual of the equation of an eigenvector that counts as zero: the products with J are differences over a
 # step of rtol^(1/3), which for an rtol of 1e-12 are right to about 1e-8
@@ -59,10 +60,8 @@ class OnBorder:
     @cached_property
     def doubling(self) -> float:
         """Coefficient of a flip, see the function `doubling`; NaN if an image beside the point is not found."""
-        assert self.matrix is not None
-        with suppress(OrbitLost):
-            return doubling(self.map, self.z, self.matrix)
-        return float("nan")
+        found = attempt(doubling, self.map, self.z, self.matrix)
+        return float("nan") if found is None else found
 
 
 def rotation(value: complex, rows: int) -> np.ndarray:
@@ -119,12 +118,12 @@ class BorderEquations:
     def solved(self, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
         """Return the point of the border near the guess `u` by Newton's method, which begins with a derivative nearby.
 
-        Raise OrbitLost if the method does not converge, or goes further than `REACH`.
+        It goes no further than `REACH`.
         """
 
         def residual(there: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
-            if np.abs(there - u)[[*range(self.n), -1]].max() > REACH:
-                raise OrbitLost(f"Newton's method for the {self.kind.name} goes too far")
+            far = np.abs(there - u)[[*range(self.n), -1]].max()
+            require(far <= REACH, f"Newton's method for the {self.kind.name} goes too far")
             return self.value(there)
 
         root = newton(residual, u, self.derivative, target(self.m, self.axis.spin is None), derivative)
@@ -147,10 +146,7 @@ class Around(NamedTuple):
 
 @singular_lost()
 def on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, y: np.ndarray) -> OnBorder:
-    """Return the point of a border near an orbit, whose section point and parameter over its scale are in `y`.
-
-    Raise OrbitLost if Newton's method does not converge to one.
-    """
+    """Return the point of a border near an orbit, whose section point and parameter over its scale are in `y`."""
     around = Around.of(axis.map_at(m, y[-1]), y[:-1])
     V, unknown = kind.begin(around.J)
     u = np.concatenate([y[:-1], V.ravel(), unknown, y[-1:]])
@@ -171,7 +167,7 @@ def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
 
     All fixed points of `m` must close, as those of the map of the fast part alone do. `z` is the fixed point at the
     flip, shape (n,), and `matrix` is J there. Return NaN where contacts change so near that the map has no such
-    derivatives. Raise OrbitLost if an image beside the point is not found.
+    derivatives.
     """
     v, w = (eigenvector(J, -1) for J in (matrix, matrix.T))
     v = v / np.linalg.norm(v)
@@ -202,11 +198,14 @@ class BifurcationCurve(Curve):
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: OnBorder = near[0].begin
         m = replace(old.map, parameters=given)
-        for back in (m.back, *(other for other in BACK if other != m.back)):
-            for u in (self.extrapolated(near), old.y)[: len(near)]:
-                with suppress(OrbitLost):
-                    return self.at(self.system(replace(m, back=back), near[0]).solved(u, old.derivative))
-        raise OrbitLost(f"no {self.kind.name} is found from its neighbour")
+
+        def found(back: float, u: np.ndarray) -> Found:
+            return self.at(self.system(replace(m, back=back), near[0]).solved(u, old.derivative))
+
+        backs = (m.back, *(other for other in BACK if other != m.back))
+        guesses = (self.extrapolated(near), old.y)[: len(near)]
+        ways = (partial(found, *each) for each in product(backs, guesses))
+        return first_found(ways, f"no {self.kind.name} is found from its neighbour")
 
     def between(self, a: Found, b: Found, part: float) -> Found:
         """Return a neighbour of the point that lies a `part` of the way from `a` to `b`.
@@ -220,20 +219,25 @@ class BifurcationCurve(Curve):
     def _from(self, orbit: PeriodicOrbit) -> Found:
         """Return the first point of the border met along the branch through an orbit, to either side.
 
-        If the orbit is stable, a point at which its stability ends is preferred. Raise OrbitLost if none is met.
+        If the orbit is stable, a point at which its stability ends is preferred.
         """
         ways = self._ways(orbit)
-        for way in ways if orbit.stable else ():
-            with suppress(OrbitLost):
-                if (end := stability_end(way)).kind is self.kind:
-                    return self.taken_up(end)
-        return first_found(partial(lambda way: self.taken_up(self._met(way)), way) for way in ways)
+
+        def at_end(way: Point) -> Found:
+            end = stability_end(way)
+            require(end.kind is self.kind, "another kind ends the stability")
+            return self.taken_up(end)
+
+        def on_way(way: Point) -> Found:
+            return self.taken_up(self._met(way))
+
+        return first_found(partial(each, way) for each in (at_end, on_way)[not orbit.stable :] for way in ways)
 
     def taken_up(self, special: Special) -> Found:
         """Return the point of the border at a special point of a branch.
 
         At a fold the bouncer strikes at about the phase at which the spin is put back. If both coincide, the next phase
-        of `BACK` is taken. Raise OrbitLost if no phase leads to a point.
+        of `BACK` is taken.
         """
 
         def with_back(back: float) -> Found:
@@ -244,7 +248,7 @@ class BifurcationCurve(Curve):
 
     @singular_lost()
     def at(self, at: OnBorder) -> Found:
-        """Return a point of the border in a section that suits the next point; raise OrbitLost at a kink of the map."""
+        """Return a point of the border in a section that suits the next point."""
 
         def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
             same_spin = replace(own, spin=self.axis.spin, back=at.map.back)
@@ -264,8 +268,8 @@ class BifurcationCurve(Curve):
             fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]
             orbit = replace(orbit, multipliers=fast)
         values = self.multipliers(orbit)
-        if not values.size or np.abs(self.kind.away(values)).min() > KINK:
-            raise OrbitLost(f"the map has a kink where a {self.kind.name} is looked for")
+        smooth = values.size and np.abs(self.kind.away(values)).min() <= KINK
+        require(smooth, f"the map has a kink where a {self.kind.name} is looked for")
         value = float(at.y[-1] * self.axis.scale)
         orbit = on_its_border(self.kind, orbit, self.sustained)
         return Found(orbit, value, replace(at, matrix=matrix), loses=self.kind.is_all(values))

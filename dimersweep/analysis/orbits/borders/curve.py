@@ -17,9 +17,10 @@ from dimersweep.analysis.orbits.continuation.specials import MOST_CHANGES, Speci
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps, zero
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.finding import orbit_at
+from dimersweep.analysis.orbits.map.lost import OrbitLost
 from dimersweep.analysis.orbits.map.orbit import DOUBLING, Column, PeriodicOrbit, dataset
 from dimersweep.analysis.orbits.map.passage import Sides, far_ends
-from dimersweep.analysis.orbits.map.poincare import OrbitLost, Recorder, ReturnMap
+from dimersweep.analysis.orbits.map.poincare import Recorder, ReturnMap
 from dimersweep.errors import OrbitError
 from dimersweep.parameters import value_of
 from dimersweep.symbols import PARAMETERS
@@ -147,7 +148,7 @@ class Curve(ABC):
     def system(self, m: ReturnMap, near: Found) -> Any:
         """Return the equations of the border near a point, with a map at other parameters.
 
-        They have the methods `value` and `derivative`. Raise OrbitLost if the border has no equations there.
+        They have the methods `value` and `derivative`.
         """
         raise NotImplementedError
 
@@ -167,7 +168,7 @@ class Curve(ABC):
     # --- from one point to the next --------------------------------------------------------------------------------
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
-        """Find the point one step from neighbours, which are in one section; raise OrbitLost if it is not found."""
+        """Find the point one step from neighbours, which are in one section."""
         raise NotImplementedError
 
     def _stepped(self, given: dict[str, float], near: list[Found]) -> Found:
@@ -175,23 +176,23 @@ class Curve(ABC):
 
         Steps are not made longer on the way: a curve that ends there would be tried in vain again and again.
         """
-        try:
-            return self._next(given, list(takewhile(near[0].alike, near)))
-        except OrbitLost:
-            return self._by_halves(given, near[0], HALVINGS)
+        return self._in_halves(given, list(takewhile(near[0].alike, near)), HALVINGS)
 
-    def _by_halves(self, given: dict[str, float], near: Found, depth: int) -> Found:
-        """Find the point from a neighbour by way of the middle; each half is halved again, up to `depth` times."""
-        known = near.orbit.parameters
+    def _in_halves(self, given: dict[str, float], near: list[Found], halvings: int) -> Found:
+        """Find the point from neighbours or, if it is lost, from the nearest one by way of the middle.
+
+        Each half is found in the same way; after `halvings` more halves are not halved again.
+        """
+        try:
+            return self._next(given, near)
+        except OrbitLost:
+            if halvings < 0:
+                raise
+        known, one = near[0].orbit.parameters, near[0]
         middle = {name: 0.5 * (value + known.get(name, value)) for name, value in given.items()}
         for target in (middle, given):
-            try:
-                near = self._next(target, [near])
-            except OrbitLost:
-                if depth == 0:
-                    raise
-                near = self._by_halves(target, near, depth - 1)
-        return near
+            one = self._in_halves(target, [one], halvings - 1)
+        return one
 
     def between(self, a: Found, b: Found, part: float) -> Found:
         """Return a neighbour of the point that lies a `part` of the way from `a` to `b`: by default `a`."""
@@ -222,10 +223,10 @@ class Curve(ABC):
 
     @abstractmethod
     def _from(self, orbit: PeriodicOrbit) -> Found:
-        """Return the point of the border on the branch through an orbit; raise OrbitLost if there is none."""
+        """Return the point of the border on the branch through an orbit."""
 
     def _met(self, way: Point) -> Special:
-        """Return the first special point of this kind along a branch; raise OrbitLost if there is none."""
+        """Return the first special point of this kind along a branch."""
         for a, b, _ in steps(way, SEARCHING):
             for special in self._specials(a, b)[0]:
                 if self._is_met(special):

@@ -3,7 +3,6 @@
 All points of such a curve have spin 0. Beside the equations of the orbit, one more holds: a small spin does not grow.
 """
 
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import ClassVar
@@ -12,8 +11,9 @@ import numpy as np
 
 from dimersweep.analysis.orbits.borders.curve import Curve, Found
 from dimersweep.analysis.orbits.continuation.branch import Equations, Point, with_derivatives
+from dimersweep.analysis.orbits.map.lost import first_found, require
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap, first_found
+from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
 
 
 class PitchforkCurve(Curve):
@@ -29,14 +29,16 @@ class PitchforkCurve(Curve):
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: Point = near[0].begin
         equations = self.system(replace(old.map, parameters=given | {self.parameter: old.value}), near[0])
-        for u in (self.extrapolated(near), old.y):
-            with suppress(OrbitLost):
-                return self._found(with_derivatives(equations.solved(u, equations.derivative)[0]))
-        raise OrbitLost("no pitchfork is found from its neighbour")
+
+        def found(u: np.ndarray) -> Found:
+            return self._found(with_derivatives(equations.solved(u, equations.derivative)[0]))
+
+        guesses = (self.extrapolated(near), old.y)
+        return first_found((partial(found, u) for u in guesses), "no pitchfork is found from its neighbour")
 
     def _check_smooth(self, at: Point) -> None:
-        if not self.kind.holds(at):
-            raise OrbitLost("an end slips through the turn of its slip: beside the plane the drift is not smooth")
+        uneven = "an end slips through the turn of its slip: beside the plane the drift is not smooth"
+        require(self.kind.holds(at), uneven)
 
     def _found(self, at: Point) -> Found:
         self._check_smooth(at)

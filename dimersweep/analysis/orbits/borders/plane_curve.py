@@ -18,9 +18,9 @@ from dimersweep.analysis.orbits.continuation.branch import Axis
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, SAME_WAY, steps
 from dimersweep.analysis.orbits.map.finding import RTOL
+from dimersweep.analysis.orbits.map.lost import OrbitLost, require, singular_lost
 from dimersweep.analysis.orbits.map.newton import newton, target
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit
-from dimersweep.analysis.orbits.map.poincare import OrbitLost, singular_lost
 from dimersweep.cubes.cube import finished
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, pair_of
@@ -45,11 +45,10 @@ class InPlane(Place):
     slope: np.ndarray | None = None  # derivative of all equations at `y`, shape (n, n + 1)
 
     def judge(self, to: "InPlane", step: float) -> None:
-        """Raise OrbitLost for a step over which the curve turns too far, or to a point at a kink of the map."""
-        if np.linalg.norm(to.y - self.y) > step / SAME_WAY or self.tangent @ to.tangent < SAME_WAY:
-            raise OrbitLost("the curve turns too sharply")
-        if step >= SHORT_ARC and _at_kink(to.found):
-            raise OrbitLost("the map has a kink there")
+        """Require that the curve turns little over a step, and that it does not come to a kink of the map."""
+        near = np.linalg.norm(to.y - self.y) <= step / SAME_WAY
+        require(near and self.tangent @ to.tangent >= SAME_WAY, "the curve turns too sharply")
+        require(step < SHORT_ARC or not _at_kink(to.found), "the map has a kink there")
 
     def elsewhere(self) -> "tuple[InPlane, ...]":
         """Return no points: a point of a border is in the section that suits it already."""

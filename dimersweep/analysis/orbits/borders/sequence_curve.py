@@ -6,7 +6,6 @@ enclosed between two orbits.
 """
 
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import takewhile
@@ -27,11 +26,12 @@ from dimersweep.analysis.orbits.continuation.specials import (
 )
 from dimersweep.analysis.orbits.continuation.stability_end import across, beyond_gap, is_stable, last_that
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, steps
+from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import lag, multipliers_of
 from dimersweep.analysis.orbits.map.newton import defect, system
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.passage import Sides, far_ends, rests, sides_of
-from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap, first_found, singular_lost
+from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
 
 # half widths of the bracket of a change of sequence, in the parameter over its scale: the greatest and the least one,
 # and the factor from one try to the next; rounding decides below the least one, for a bracket must hold the change
@@ -111,8 +111,7 @@ class SequenceCurve(Curve):
         changes = [special for way in ways for special in self._changes(way)]
         if not changes and orbit.stable and far_ends(orbit.sequence) == 1:
             return self._to_pieces(ways)
-        if not changes:
-            raise OrbitLost(f"no {self.kind.name} is met")
+        require(changes, f"no {self.kind.name} is met")
         kept: list[Found] = []
         for found in map(self._taken_up, changes):
             if all(abs(found.value - other.value) > SAME_CHANGE * self.axis.scale for other in kept):
@@ -124,11 +123,17 @@ class SequenceCurve(Curve):
         at, sides = special.point, sides_of(*special.sequences, self.kind.begins)
         smooth = special.jump < NO_JUMP and not at.grazes
         if smooth and (mark := self.kind.mark(sides)):
-            with suppress(OrbitLost):
+
+            def at_zero() -> Found:
                 found = self._zero(at.map.parameters, at, sides, mark)
                 own, fast = multipliers_of(at.fixed)[0], found.orbit.multipliers
-                if own.size != fast.size or np.abs(np.abs(own) - np.abs(fast)).max() < BENT:
-                    return found  # the map has no kink there: central derivatives are those of one map
+                # without a kink of the map there, central derivatives are those of one map
+                same = own.size != fast.size or np.abs(np.abs(own) - np.abs(fast)).max() < BENT
+                require(same, "the map has a kink there")
+                return found
+
+            if found := attempt(at_zero):
+                return found
         return self._found(at, sides, float(np.sign(at.tangent[-1])))
 
     def _is_met(self, special: Special) -> bool:
@@ -153,10 +158,10 @@ class SequenceCurve(Curve):
                         last = b
                 return
             except OrbitLost:
-                try:
-                    last, point = across(comes_to_rest, last, sense)
-                except OrbitLost:
+                beyond = attempt(across, comes_to_rest, last, sense)
+                if beyond is None:
                     return
+                last, point = beyond
             sequences = last.sequence, point.sequence
             if sequences[0] != sequences[1]:
                 special = Special(change_of(*sequences), last, 1.0, np.nan, sequences)
@@ -170,12 +175,11 @@ class SequenceCurve(Curve):
         """
         if self.kind.lines is not None and halvings:
             first, last = (self.kind.lines(point.fixed.image) for point in (a, b))
-            if (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any():
-                with suppress(OrbitLost):
-                    middle = Between(a, b)[0.5]
-                    yield from self._parts(a, middle, halvings - 1)
-                    yield from self._parts(middle, b, halvings - 1)
-                    return
+            passes = (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any()
+            if passes and (middle := attempt(Between(a, b).__getitem__, 0.5)):
+                yield from self._parts(a, middle, halvings - 1)
+                yield from self._parts(middle, b, halvings - 1)
+                return
         yield a, b
 
     def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
@@ -189,12 +193,9 @@ class SequenceCurve(Curve):
     def _to_pieces(self, ways: list[Point]) -> Found:
         """Return the last orbit in which an end still comes to rest.
 
-        Beyond it the branch falls into pieces, one for each number of bounces. Raise OrbitLost if it does not.
+        Beyond it the branch falls into pieces, one for each number of bounces.
         """
-        try:
-            last = first_found(partial(last_that, comes_to_rest, way) for way in ways)
-        except OrbitLost as reason:
-            raise OrbitLost(f"no {self.kind.name} is met") from reason
+        last = first_found((partial(last_that, comes_to_rest, way) for way in ways), f"no {self.kind.name} is met")
         return Found(orbit_of(last.fixed), last.value, last.settled())
 
     def _found(self, at: Point, sides: Sides, sense: float) -> Found:
@@ -210,27 +211,24 @@ class SequenceCurve(Curve):
         return Found(orbit_of(at.fixed), at.value, at.settled(), sides, loses)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
-        """Find the point one step from neighbours, with the other changes of its motion.
-
-        Raise OrbitLost if the point is not found, or if two changes have come to one point.
-        """
-        if near[0].sides is None or not rests(near[0].orbit.sequence):
-            raise OrbitLost("the neighbour's motion comes to no rest")
+        """Find the point one step from neighbours, with the other changes of its motion, all in other points."""
+        resting = near[0].sides is not None and rests(near[0].orbit.sequence)
+        require(resting, "the neighbour's motion comes to no rest")
         others = []
         for k in range(len(near[0].others)):
             with_it = takewhile(lambda one, k=k: len(one.others) > k, near)  # type: ignore[misc]
             beside = [one.others[k] for one in with_it]
             others.append(self._one(given, list(takewhile(beside[0].alike, beside))))
         found = self._one(given, near)._replace(others=tuple(others))
-        if others and np.diff(found.several).min() < SAME_CHANGE * self.axis.scale:
-            raise OrbitLost("two changes come to one point")
+        apart = not others or np.diff(found.several).min() >= SAME_CHANGE * self.axis.scale
+        require(apart, "two changes come to one point")
         return found
 
     def _one(self, given: dict[str, float], near: list[Found]) -> Found:
-        """Find one change a step from neighbours; raise OrbitLost if it belongs to another motion."""
+        """Find one change of the same motion a step from neighbours."""
         found = self._near(given, near)
-        if not rests(found.orbit.sequence) or _has_turned(found.orbit) != _has_turned(near[0].orbit):
-            raise OrbitLost("the point found is one of another motion")
+        same = rests(found.orbit.sequence) and _has_turned(found.orbit) == _has_turned(near[0].orbit)
+        require(same, "the point found is one of another motion")
         return found
 
     def _near(self, given: dict[str, float], near: list[Found]) -> Found:
@@ -252,9 +250,9 @@ class SequenceCurve(Curve):
         return found
 
     def _smooth(self, at: Point, last: Point, expected: float) -> None:
-        """Raise OrbitLost for a point far from its guess: beyond a corner of the curve lie points of another border."""
-        if abs(at.y[-1] - expected) > CORNER + abs(expected - last.y[-1]):
-            raise OrbitLost(f"the curve has a corner near {self.parameter} = {at.value:.6g}")
+        """Require that a point is near its guess: beyond a corner of the curve lie points of another border."""
+        near = abs(at.y[-1] - expected) <= CORNER + abs(expected - last.y[-1])
+        require(near, f"the curve has a corner near {self.parameter} = {at.value:.6g}")
 
     # --- between two orbits ----------------------------------------------------------------------------------------
 
@@ -270,8 +268,8 @@ class SequenceCurve(Curve):
     def _between(self, given: dict[str, float], near: Point, sides: Sides, y: np.ndarray, doubt: float) -> Found:
         """Return the last orbit on this side of a change, enclosed between two orbits on both sides of the guess `y`.
 
-        The last entry of the guess is the parameter over its scale, known to about `doubt`. Raise OrbitLost if the
-        sequence does not change there, or if another change lies nearer.
+        The last entry of the guess is the parameter over its scale, known to about `doubt`. No other change may lie
+        nearer.
         """
         width = min(WIDEST, max(NARROWEST, doubt))
         while width <= WIDEST:
@@ -280,8 +278,8 @@ class SequenceCurve(Curve):
             if sides.between(*sequences):
                 this, other = ends if sides.here(sequences[0]) else ends[::-1]
                 change = last_with(sides.here, 0.0, this, other)
-                if not sides.beyond(change.sequences[1]):
-                    raise OrbitLost(f"another change is nearer at {self.parameter} = {change.point.value:.6g}")
+                nearer = f"another change is nearer at {self.parameter} = {change.point.value:.6g}"
+                require(sides.beyond(change.sequences[1]), nearer)
                 return self._found(change.point, sides, float(np.sign(other.value - this.value)))
             width *= WIDER
         at = y[-1] * self.axis.scale
@@ -290,28 +288,25 @@ class SequenceCurve(Curve):
     # --- the zero of a mark ----------------------------------------------------------------------------------------
 
     def _graze(self, given: dict[str, float], near: Point, sides: Sides) -> Found:
-        """Return the orbit at which an end just misses the plate; the search begins at an orbit whose gap is wider.
-
-        Raise OrbitLost if no end grazes there.
-        """
+        """Return the orbit at which an end just misses the plate; the search begins at an orbit whose gap is wider."""
         y, _ = self._ahead(given, near, least_gap)
-        for opened in OPENED:
-            with suppress(OrbitLost):
-                at, struck = graze(self._at(given, near, y + opened * near.tangent).settled())
-                if sides.between(at.sequence, struck):
-                    self._smooth(at, near, y[-1])
-                    return self._found(at, sides, 0.0)
-        raise OrbitLost(
-            f"no end grazes where the sequence changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}"
-        )
+        why = f"no end grazes where the sequence changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}"
+
+        def found(opened: float) -> Found:
+            at, struck = graze(self._at(given, near, y + opened * near.tangent).settled())
+            require(sides.between(at.sequence, struck), why)
+            self._smooth(at, near, y[-1])
+            return self._found(at, sides, 0.0)
+
+        return first_found((partial(found, opened) for opened in OPENED), why)
 
     def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
-        """Return the orbit at which a mark is zero; raise OrbitLost if it is far off or beyond the change."""
+        """Return the orbit at which a mark is zero, if it is near and not beyond the change."""
         y, known = self._ahead(given, near, mark)
         equations = _equations(self._beside(given, near, y), mark)
         at, _ = equations.solved(y, equations.derivative, known, MOST_DERIVATIVES)
-        if np.abs(at.y - y).max() > REACH or not sides.here(at.sequence):
-            raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {equations.near.value:.6g}")
+        here = np.abs(at.y - y).max() <= REACH and sides.here(at.sequence)
+        require(here, f"no {self.kind.name} near {self.parameter} = {equations.near.value:.6g}")
         self._smooth(at, near, y[-1])
         return self._at_zero(at, sides, mark)
 
@@ -331,25 +326,25 @@ class SequenceCurve(Curve):
         if near.mark_slope is None:
             near = with_derivatives(near, mark=mark)
         known = np.vstack([near.matrix(), cast(np.ndarray, near.mark_slope)])
-        for part in (TANGENT_SHARE, -TANGENT_SHARE):
+
+        def ahead(part: float) -> np.ndarray:
             aside = {name: old[name] + part * (value - old[name]) for name, value in given.items() if name in old}
-            with suppress(OrbitLost):
-                m = replace(near.map, parameters=aside | {self.parameter: near.value})
-                image = m.image(y[:-1])
-                moved = mark(m, image) - mark(near.map, near.fixed.image)
-                fails = np.append(defect(m, y[:-1], image, self.axis.spin), moved)
-                if np.abs(fails).max() < REACH:
-                    return y - np.linalg.solve(known, fails / part), known
-        return y, known
+            m = replace(near.map, parameters=aside | {self.parameter: near.value})
+            image = m.image(y[:-1])
+            moved = mark(m, image) - mark(near.map, near.fixed.image)
+            fails = np.append(defect(m, y[:-1], image, self.axis.spin), moved)
+            require(np.abs(fails).max() < REACH, "another motion is there")
+            return y - np.linalg.solve(known, fails / part)
+
+        return next(all_found(partial(ahead, part) for part in (TANGENT_SHARE, -TANGENT_SHARE)), y), known
 
     # --- in the plane of two parameters ------------------------------------------------------------------------------
 
     def _mark(self, near: Found) -> Mark:
-        """Return the function of the orbit that is zero on the border near a point; raise OrbitLost without one."""
+        """Return the function of the orbit that is zero on the border near a point, where it has an equation."""
         mark = self.kind.mark(near.sides) if near.sides else None
-        if mark is None or near.begin.grazes:
-            raise OrbitLost("the border has no equation there")
-        return mark
+        require(mark and not near.begin.grazes, "the border has no equation there")
+        return cast(Mark, mark)
 
     def system(self, m: ReturnMap, near: Found) -> Equations:
         return _equations(near.begin._replace(fixed=near.begin.fixed._replace(map=m)), self._mark(near))

@@ -1,7 +1,6 @@
 """Ends of stability as borders over other parameters: where an orbit ceases to be stable or to exist."""
 
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from typing import ClassVar
 
 from dimersweep.analysis.orbits.borders.bifurcation_curve import BifurcationCurve
@@ -10,8 +9,8 @@ from dimersweep.analysis.orbits.continuation.kinds import kind_words
 from dimersweep.analysis.orbits.continuation.specials import Special, on_its_border
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
 from dimersweep.analysis.orbits.map.finding import orbit_at
+from dimersweep.analysis.orbits.map.lost import attempt
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
 from dimersweep.parameters import value_of
 
 
@@ -46,8 +45,8 @@ class StabilityCurve(Curve):
         if special.kind.rows:
             given = (self.parameter, self.given, self.spin, self.rtol, self.recorder)
             own = BifurcationCurve(special.kind, *given, sustained=self.sustained)
-            with suppress(OrbitLost):
-                return own.taken_up(special)
+            if found := attempt(own.taken_up, special):
+                return found
         return Found(on_its_border(special.kind, orbit_of(at.fixed), self.sustained), at.value, at)
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:

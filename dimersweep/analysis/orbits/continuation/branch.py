@@ -5,7 +5,6 @@ same section, so that points between them are found on planes across the line fr
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from functools import partial
 from itertools import chain
 from typing import NamedTuple
@@ -13,9 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.analysis.orbits.continuation.steps import SAME_WAY
+from dimersweep.analysis.orbits.map.lost import all_found, attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import lag, multipliers_of
 from dimersweep.analysis.orbits.map.newton import NEWTON_STEPS, Fixed, defect, fixed_at, newton, solve, system, target
-from dimersweep.analysis.orbits.map.poincare import TURN, Image, OrbitLost, ReturnMap, first_found, singular_lost
+from dimersweep.analysis.orbits.map.poincare import TURN, Image, ReturnMap
 
 # entry of the parameter in a tangent (of length 1) below which the branch is near a fold: two points may then have one
 # value of the parameter, which does not tell them apart
@@ -32,7 +32,7 @@ class Axis(NamedTuple):
     spin: float | None  # axial spin along a branch in a parameter [rad/s]; None if it is free, without drift
 
     def map_at(self, m: ReturnMap, share: float) -> ReturnMap:
-        """Return the map at a value of the parameter over its scale; raise OrbitLost if the value is not allowed."""
+        """Return the map at a value of the parameter over its scale, if that value is allowed."""
         return m if self.name == "spin" else m.at(self.name, float(share * self.scale))
 
     def image(self, m: ReturnMap, y: np.ndarray) -> Image:
@@ -97,10 +97,7 @@ class Point(NamedTuple):
         return self if onward >= 0 else self._replace(tangent=-self.tangent)
 
     def on_plane(self, y: np.ndarray, normal: np.ndarray) -> "Point":
-        """Find the point of the branch on the plane through `y` across `normal`, with its own derivatives.
-
-        Raise OrbitLost if there is none nearby.
-        """
+        """Find the point of the branch on the plane through `y` across `normal`, with its own derivatives."""
         return with_derivatives(lent(self, y, normal))
 
     def side(self) -> float:
@@ -111,13 +108,12 @@ class Point(NamedTuple):
         return float(np.linalg.slogdet(np.vstack([self.matrix(), self.tangent]))[0])
 
     def judge(self, to: "Point", step: float) -> None:
-        """Raise OrbitLost if the branch turns too far over a step or, if the spin is free, turns back at a kink."""
-        if self.tangent @ to.tangent < SAME_WAY:
-            raise OrbitLost("the branch turns too sharply")
+        """Require that the branch turns little over a step and, if the spin is free, does not turn back at a kink."""
+        require(self.tangent @ to.tangent >= SAME_WAY, "the branch turns too sharply")
         if self.axis.spin is None:
             back = self.side() != to.side() and self.fixed.image.spin * to.fixed.image.spin > 0
-            if back or np.linalg.norm(to.y - self.y) > step / SAME_WAY:
-                raise OrbitLost("the branch turns back at a kink")
+            far = np.linalg.norm(to.y - self.y) > step / SAME_WAY
+            require(not back and not far, "the branch turns back at a kink")
 
     def settled(self, simplest: bool = True) -> "Point":
         """Return the point in another section if that suits it better, as `ReturnMap.in_own_section` decides.
@@ -130,9 +126,7 @@ class Point(NamedTuple):
 
     def elsewhere(self) -> "Iterator[Point]":
         """Yield the point in the section of each smooth phase of its motion in which Newton's method finds it."""
-        for moved, z in self.map.sections(self.fixed.image.passage):
-            with suppress(OrbitLost):
-                yield _moved(self, moved, z)
+        yield from all_found(partial(_moved, self, *place) for place in self.map.sections(self.fixed.image.passage))
 
 
 def slope_of(
@@ -156,11 +150,6 @@ def slope_of(
         side.
     mark : callable, optional
         Function of an orbit whose zero is sought along the branch, see `Mark`.
-
-    Raises
-    ------
-    OrbitLost
-        If no such difference can be taken.
     """
     if axis.name == "spin":
         slope = np.zeros(z.size if mark is None else z.size + 1)
@@ -208,8 +197,7 @@ def with_derivatives(point: Point, senses: np.ndarray | None = None, mark: Mark 
 def lent(near: Point, y: np.ndarray, normal: np.ndarray, most: int = NEWTON_STEPS) -> Point:
     """Find the point of a branch on the plane through `y` across `normal`, with the derivatives of `near`.
 
-    Its tangent is that of `near`, too. Newton's method may compute `most` new derivatives on its way. OrbitLost is
-    raised if there is no point nearby.
+    Its tangent is that of `near`, too. Newton's method may compute `most` new derivatives on its way.
     """
     axis = near.axis
 
@@ -254,7 +242,6 @@ class Equations:
         """Find the point near `y` at which the equations hold, and return it with the last derivative used.
 
         The point has the derivatives and the tangent of `near`. `derivative`, `known` and `most` are those of `newton`.
-        OrbitLost is raised if there is no such point.
         """
         root = newton(self.value, y, derivative, target(self.near.map, self.axis.spin is None), known, most)
         return self.point(root.y, root.extra, float(np.abs(root.value[:-1]).max())), root.derivative
@@ -267,7 +254,7 @@ class Equations:
 
 
 def _moved(point: Point, moved: ReturnMap, z: np.ndarray) -> Point:
-    """Find the point of a branch in another section, where its motion passes `z`; raise OrbitLost if there is none."""
+    """Find the point of a branch in another section, where its motion passes `z`."""
     axis = point.axis
     fixed = fixed_at(moved, z)
     # the motion of a fixed point in one section drifts slowly in another, so it lies beside the fixed point there
@@ -286,15 +273,15 @@ def _ahead(point: Point, moved: ReturnMap, z: np.ndarray) -> np.ndarray:
     It is the way from the motion of the point, which passes `z` there, to a motion a little ahead.
     """
     m = point.map
-    onward = np.append(np.zeros(z.size), point.tangent[-1])
-    with suppress(OrbitLost):
+    phases = (moved.phase - m.phase) % TURN + TURN * np.arange(m.periods)
+
+    def way() -> np.ndarray:
         later = point.y + m.step * point.tangent
         own = point.axis.map_at(m, later[-1])
         passage = own.image(later[:-1]).passage
-        phases = (moved.phase - m.phase) % TURN + TURN * np.arange(m.periods)
         places = [own.moved_to(passage, phase) for phase in phases]
         same = [there for map_, there in places if map_.free.size == z.size]
-        if same:
-            there = min(same, key=lambda there: float(np.abs(there - z).max()))
-            onward[:-1] = (there - z) / m.step
-    return onward
+        return (min(same, key=lambda there: float(np.abs(there - z).max()), default=z) - z) / m.step
+
+    found = attempt(way)
+    return np.append(np.zeros(z.size) if found is None else found, point.tangent[-1])

@@ -13,9 +13,9 @@ from dimersweep.analysis.orbits.continuation.following import traced
 from dimersweep.analysis.orbits.continuation.kinds import FOLD
 from dimersweep.analysis.orbits.continuation.steps import halved
 from dimersweep.analysis.orbits.map.finding import centred, checked, first_map, of_run
+from dimersweep.analysis.orbits.map.lost import attempt
 from dimersweep.analysis.orbits.map.newton import solve
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, number, pair_of
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, PERIOD, PHASE
@@ -206,10 +206,12 @@ def _strobes(run: Run) -> np.ndarray:
 
 def _orbit_at(run: Run, number: int) -> PeriodicOrbit | None:
     """Find the orbit near the beginning of a segment of a run, which begins with a period; return None without one."""
-    with suppress(OrbitLost):
+
+    def found() -> PeriodicOrbit:
         m, z = of_run(run, first_map(run.parameters), number)
         return orbit_of(centred(solve(m, z, m.image(z).spin)))
-    return None
+
+    return attempt(found)
 
 
 def _is_partner(orbit: PeriodicOrbit) -> bool:

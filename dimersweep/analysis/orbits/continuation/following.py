@@ -1,7 +1,8 @@
 """Follow an orbit along a branch, through folds, with its stability, sequences and special points."""
 
-from contextlib import suppress
 from dataclasses import replace
+from functools import partial
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +14,11 @@ from dimersweep.analysis.orbits.continuation.specials import Special, doubled, o
 from dimersweep.analysis.orbits.continuation.stability_end import GAP, beyond_gap, furthest, kind_beyond
 from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, LOCATED, steps
 from dimersweep.analysis.orbits.map.finding import units_along
+from dimersweep.analysis.orbits.map.lost import OrbitLost, first_found
 from dimersweep.analysis.orbits.map.manifold import slow_motion_of
 from dimersweep.analysis.orbits.map.newton import Fixed, solve
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, dataset, orbit_of
-from dimersweep.analysis.orbits.map.poincare import OrbitLost, Recorder
+from dimersweep.analysis.orbits.map.poincare import Recorder, ReturnMap
 from dimersweep.cubes.cube import finished
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count
@@ -198,17 +200,13 @@ def _over_kink(point: Point, low: float, high: float) -> tuple[Point, str]:
 
 
 def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:
-    """Return the first point of the branch, in its own section or, if it has no derivatives there, in another one.
+    """Return the first point of the branch, in its own section or, if it has no derivatives there, in another one."""
 
-    Raise OrbitLost if it has none in any section.
-    """
-    try:
-        return point_of(axis, fixed, value)
-    except OrbitLost:
-        for m, z in fixed.map.sections(fixed.image.passage):
-            with suppress(OrbitLost):
-                return point_of(axis, solve(m, z, axis.spin_at(value)), value)
-        raise
+    def begun(m: ReturnMap, z: np.ndarray) -> Point:
+        return point_of(axis, solve(m, z, axis.spin_at(value)), value)
+
+    others = fixed.map.sections(fixed.image.passage)
+    return first_found(chain([partial(point_of, axis, fixed, value)], (partial(begun, *place) for place in others)))
 
 
 def _row(point: Point, special: Special | None = None) -> BranchRow:

@@ -13,10 +13,11 @@ import numpy as np
 
 from dimersweep.analysis.orbits.continuation.branch import Mark, Point
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
+from dimersweep.analysis.orbits.map.lost import require
 from dimersweep.analysis.orbits.map.manifold import growth_in_plane
 from dimersweep.analysis.orbits.map.newton import fixed_at
 from dimersweep.analysis.orbits.map.passage import TURN, Sides
-from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap
+from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
 from dimersweep.kernel.verdict.past import HOP_LINE
 
 COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers counts as complex: a smaller one may be round-off
@@ -100,7 +101,7 @@ class Bifurcation(Kind, ABC):
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of the eigenvector, shape (rows, n), and the unknown number of the multiplier, from J.
 
-        J is the derivative of the map near the border. OrbitLost is raised if it has no such multiplier.
+        J is the derivative of the map near the border.
         """
 
     def others(self, values: np.ndarray) -> np.ndarray:
@@ -145,8 +146,7 @@ class ComplexPair(Bifurcation):
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values, vectors = np.linalg.eig(J)
         pairs = np.flatnonzero(values.imag > 0)
-        if not pairs.size:
-            raise OrbitLost("the multipliers have no complex pair")
+        require(pairs.size, "the multipliers have no complex pair")
         k = pairs[int(np.argmin(np.abs(self.away(values[pairs]))))]
         q = vectors[:, k]
         q = q * np.exp(-0.5j * np.angle(q @ q))  # this makes its real part orthogonal to its imaginary part

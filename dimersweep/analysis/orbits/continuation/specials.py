@@ -7,7 +7,6 @@ both orbits exist on one side of the parameter.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple, cast
 
@@ -17,10 +16,11 @@ from scipy.optimize import brentq
 from dimersweep.analysis.orbits.continuation.branch import NEAR_TURN, Equations, Point, lent, point_of, with_derivatives
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, FOLD, PITCHFORK, Kind, change_of
 from dimersweep.analysis.orbits.continuation.steps import LEAP, LOCATED, SLOW_LEAP, Between, zero
+from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, require
 from dimersweep.analysis.orbits.map.manifold import eigenvector
 from dimersweep.analysis.orbits.map.newton import fixed_at, solve
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, Image, OrbitLost, ReturnMap
+from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, Image, ReturnMap
 from dimersweep.kernel.model.layout import D1, FREE, N1
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 
@@ -67,18 +67,13 @@ def least_gap(m: ReturnMap, image: Image) -> float:
 
 
 def graze(near: Point) -> tuple[Point, str]:
-    """Find the orbit near another one at which an end just misses the plate, and the sequence where the end strikes.
-
-    Raise OrbitLost if there is no such orbit nearby.
-    """
+    """Find the orbit near another one at which an end just misses the plate, and the sequence where the end strikes."""
     aim = gap = least_gap(near.map, near.fixed.image)
-    if not NO_GAP < gap < WIDE:
-        raise OrbitLost("no end turns near the plate")
+    require(NO_GAP < gap < WIDE, "no end turns near the plate")
 
     equations = Equations(near, lambda _, m, image: least_gap(m, image) - aim)
     first = equations.derivative(near.y, min(near.map.step, 0.1 * gap))
-    if not np.isfinite(first).all():
-        raise OrbitLost("the end strikes beside the orbit already")
+    require(np.isfinite(first).all(), "the end strikes beside the orbit already")
     at, known, closer = near, first, CLOSER
     while gap > NO_GAP:
         aim = max(closer * gap, NO_GAP)
@@ -149,13 +144,16 @@ def pitchfork_in(a: Point, b: Point) -> Special | None:
     spins = [point.fixed.image.spin for point in (a, b)]
     y = a.y + spins[0] / (spins[0] - spins[1]) * (b.y - a.y)
     value, along = float(y[-1] * a.axis.scale), np.eye(y.size)[-1]
-    with suppress(OrbitLost):
+
+    def beside_plane() -> Special | None:
         plane = point_of(a.axis._replace(spin=0.0), solve(a.axis.map_at(a.map, y[-1]), y[:-1], 0.0), value)
         for near in NEAR_FORK:
             sides = (plane.on_plane(plane.y + by * along, along) for by in (-near, near))
             if found := located(PITCHFORK, Between(*sides)):
                 return found
-    return None
+        return None
+
+    return attempt(beside_plane)
 
 
 def sequence_changes(a: Point, b: Point) -> Iterator[Special]:
@@ -177,8 +175,8 @@ def last_with(holds: Callable[[str], bool], low: float, left: Point, b: Point) -
     """
     bracket = Bracket(holds, low, left, b)
     bracket.narrow(GRAZING)
-    with suppress(OrbitLost):
-        return bracket.grazing()
+    if grazing := attempt(bracket.grazing):
+        return grazing
     bracket.narrow(LOCATED)
     at = on_own_side(bracket.left, holds)
     jump = float(np.abs(at.y - bracket.right.y).max())
@@ -194,9 +192,8 @@ def on_own_side(at: Point, holds: Callable[[str], bool]) -> Point:
     """Return a point with derivatives that are taken, for each entry of y, to the side where `holds` is satisfied."""
 
     def kept(d: np.ndarray) -> bool:
-        with suppress(OrbitLost):
-            return holds(at.axis.image(at.map, at.y + d).passage.sequence)
-        return False
+        image = attempt(at.axis.image, at.map, at.y + d)
+        return image is not None and holds(image.passage.sequence)
 
     return with_derivatives(at, np.array([1.0 if kept(d) else -1.0 for d in at.map.one_sided * np.eye(at.y.size)]))
 
@@ -228,17 +225,11 @@ class Bracket:
         for _ in range(MOST_CHANGES):
             while (self.high - self.low) * self.length > width:
                 middle = 0.5 * (self.low + self.high)
-                try:
-                    self._take(middle, self.left)
-                except OrbitLost:
+                if not self._takes(middle, lambda: self.left):
                     self.high = middle
-            if self._look_beyond():
-                return
-            # no orbit beyond lies right at the end: the branch may go on there, if Newton's method failed by old
-            # derivatives
-            try:
-                self._take(2 * self.high - self.low, with_derivatives(self.left))
-            except OrbitLost:
+            # if no orbit beyond lies right at the end, the branch may go on there: Newton's method may have failed by
+            # old derivatives
+            if self._look_beyond() or not self._takes(2 * self.high - self.low, lambda: with_derivatives(self.left)):
                 return
             self.high = self.at_right
 
@@ -246,31 +237,35 @@ class Bracket:
         """Set `right` to the next orbit that does not satisfy `holds`; return True if it lies right at `high`."""
         share, step = self.high, self.high - self.low
         while share < self.at_right:
-            with suppress(OrbitLost):
-                point = lent(self.right, *self._plane(share), most=0)
-                if not self.holds(point.sequence):
-                    self.right, self.at_right = point, share
-                    break
+            point = attempt(lambda share=share: lent(self.right, *self._plane(share), most=0))
+            if point and not self.holds(point.sequence):
+                self.right, self.at_right = point, share
+                break
             share, step = share + step, FURTHER * step
         return self.at_right == self.high
 
-    def _take(self, share: float, near: Point) -> None:
+    def _takes(self, share: float, from_near: Callable[[], Point]) -> bool:
         """Move `left` to the orbit at a share of the step, which is found with the derivatives of a point nearby.
 
-        Raise OrbitLost if there is none, or its sequence does not satisfy `holds`.
+        Return False if there is none whose sequence satisfies `holds`.
         """
         y, normal = self._plane(share)
 
         def off_plane(there: np.ndarray, _: ReturnMap, image: Image) -> float:
-            if not self.holds(image.passage.sequence):
-                raise OrbitLost("the sequence changes")
+            require(self.holds(image.passage.sequence), "the sequence changes")
             return float(normal @ (there - y))
 
-        point = Equations(near, off_plane).solved(y, known=np.vstack([near.matrix(), normal]))[0]
+        def found() -> Point:
+            near = from_near()
+            return Equations(near, off_plane).solved(y, known=np.vstack([near.matrix(), normal]))[0]
+
+        if not (point := attempt(found)):
+            return False
         way = point.y - self.left.y
         self.low, self.left = share, point
         if not self.steep:
             self.slope = way / way[-1]
+        return True
 
     def _plane(self, share: float) -> tuple[np.ndarray, np.ndarray]:
         """Return a point and a normal: the plane on which the orbit at a share of the step is looked for.
@@ -285,14 +280,14 @@ class Bracket:
         return start + part * way[-1] * self.slope, np.eye(way.size)[-1]
 
     def grazing(self) -> Special:
-        """Return the graze in the bracket; raise OrbitLost without one, or if `holds` does not change over it."""
+        """Return the graze in the bracket over which `holds` changes."""
         near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image))
         at, struck = graze(near)
         missed = at.sequence
         low, high = sorted((self.left.value, self.right.value))
         aside = GRAZING * at.axis.scale  # where the branch turns back at the graze, both ends lie on one side of it
-        if not low - aside <= at.value <= high + aside or self.holds(missed) == self.holds(struck):
-            raise OrbitLost("no end grazes where the sequence changes")
+        within = low - aside <= at.value <= high + aside
+        require(within and self.holds(missed) != self.holds(struck), "no end grazes where the sequence changes")
         share = self.first + (1 - self.first) * ((at.y - self.begin) @ self.way) / (self.way @ self.way)
         if near is self.right:
             return _change(at, share, 0.0, (self.left.sequence, missed), at)
@@ -300,7 +295,7 @@ class Bracket:
 
 
 def doubled(flip: Point) -> Point:
-    """Return a point of the branch of twice the period, near the flip it leaves; raise OrbitLost if none is found."""
+    """Return a point of the branch of twice the period, near the flip it leaves."""
     direction = eigenvector(flip.fixed.matrix, -1)
     tangent = np.append(direction / np.linalg.norm(direction), 0.0)
     y = flip.y + BORN * tangent

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol, Self, TypeVar
 import numpy as np
 from scipy.optimize import brentq
 
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
+from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, singular_lost
 from dimersweep.errors import OrbitError
 
 LOCATED = 1e-9  # accuracy of a zero, in the parameter over its scale, or as a share of a step
@@ -46,10 +46,7 @@ class OnPlanes(Protocol):
     def y(self) -> np.ndarray: ...
 
     def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
-        """Find the point of the curve on the plane through `y` across `normal`, in the section of this point.
-
-        Raise OrbitLost if there is none nearby.
-        """
+        """Find the point of the curve on the plane through `y` across `normal`, in the section of this point."""
 
 
 class OnCurve(OnPlanes, Protocol):
@@ -60,7 +57,7 @@ class OnCurve(OnPlanes, Protocol):
         """Tangent of length 1 in the sense of the curve, shape (n + 1,)."""
 
     def judge(self, to: Self, step: float) -> None:
-        """Raise OrbitLost if a step to another point is too long: the curve may turn between the two."""
+        """Require that a step to another point is not too long: the curve may turn between the two."""
 
     def settled(self, simplest: bool = True) -> Self:
         """Return the point in the section that suits the next step.
@@ -77,7 +74,7 @@ Q = TypeVar("Q", bound=OnPlanes)
 
 
 def steps(begin: P, lengths: StepLengths, window: tuple[float, ...] = ()) -> Iterator[tuple[P, P, float | None]]:
-    """Yield the steps of a curve from a point on, in the sense of its tangent; raise OrbitLost where the curve ends.
+    """Yield the steps of a curve from a point on, in the sense of its tangent; the orbit is lost where the curve ends.
 
     Parameters
     ----------
@@ -161,16 +158,17 @@ def zero(at: Between[Q], test: Callable[[Q], float], known: float, leap: float =
     Return None if the function does not change its sign, if it leaps over zero, or if a point is not found. It leaps if
     its size at the change of sign is at least `leap` times the larger one of its sizes at the ends.
     """
-    try:
+
+    @singular_lost()
+    def share_of_zero() -> float | None:
         first, last = test(at[0.0]), test(at[1.0])
         if not first * last < 0:
             return None
         # rtol is the least that brentq takes: `known` decides
-        share = brentq(lambda share: test(at[share]), 0.0, 1.0, xtol=known, rtol=8.9e-16)
-        small = abs(test(at[share])) < leap * max(abs(first), abs(last))
-    except (OrbitLost, np.linalg.LinAlgError):
-        return None
-    return float(share) if small else None
+        share = float(brentq(lambda share: test(at[share]), 0.0, 1.0, xtol=known, rtol=8.9e-16))
+        return share if abs(test(at[share])) < leap * max(abs(first), abs(last)) else None
+
+    return attempt(share_of_zero)
 
 
 def halved(read: Callable[[float], Any], low: float, high: float, within: float) -> tuple[float, float]:

@@ -1,7 +1,6 @@
 """Find an orbit from a run, from another orbit, or from the closed form of a ball on a plate."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from math import acos, cos, sin
@@ -11,10 +10,11 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.analysis.orbits.map.ball import ball_fold
+from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, in_steps, require
 from dimersweep.analysis.orbits.map.manifold import multipliers_of, slow_direction, slow_motion_of
 from dimersweep.analysis.orbits.map.newton import Fixed, solve, system
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, OrbitLost, Recorder, ReturnMap, in_steps
+from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, Recorder, ReturnMap
 from dimersweep.errors import OrbitError, ParameterError, one_line
 from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.kernel.model.layout import DIP, FREE, N_STATE, PERIOD, PHASE, ROW, ROW_PHI0, STICK, WB, State
@@ -84,15 +84,12 @@ def ball_state(m: ReturnMap, spin: float) -> np.ndarray:
 
 
 def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap, np.ndarray]:
-    """Run from a state at the section of `m`; return the map in the best section of the motion, and the point there.
-
-    Raise OrbitLost if the kernel cannot go on, or both ends have come to rest on the plate.
-    """
+    """Run from a state at the section of `m`; return the map in the best section of the motion, and the point there."""
     for _ in range(periods // m.periods):
         state[[PHASE, PERIOD]] = 0.0
         state, _, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
-    if (passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2] != FREE).all():
-        raise OrbitLost("the motion dies: both ends stay on the plate")
+    in_air = (passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2] == FREE).any()
+    require(in_air, "the motion dies: both ends stay on the plate")
     return m.moved(passage)
 
 
@@ -111,28 +108,20 @@ def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> 
         Spin of the motion after the last impact of a period [rad/s].
     most : float
         Longest distance of the motion from the start of the run, in units of the section.
-
-    Raises
-    ------
-    OrbitLost
-        If the orbit is not stable, or the run settles further away than `most`, or dies.
     """
-    if not (np.abs(multipliers_of(at)[0]) < 1).all():
-        raise OrbitLost("the orbit is unstable: no run stays near it")
+    require((np.abs(multipliers_of(at)[0]) < 1).all(), "the orbit is unstable: no run stays near it")
     along, _ = slow_direction(at)
     state = begin = m.state(at.z + along * (spin - at.image.spin) / m.unit)
     for _ in range(RUN_IN):
         state[PHASE] = 0.0
         state, modes, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
-        if not passage.read.strikes:
-            raise OrbitLost("the motion dies: nothing strikes the plate")
+        require(passage.read.strikes, "the motion dies: nothing strikes the plate")
         there = replace(m, modes=modes)
         z = there.section.point(state)[there.free]
         z[there.slow] += (spin - passage.read.spin) / there.unit
         state = there.state(z)
     leap = np.delete(np.abs(m.section.point(state) - m.section.point(begin)), SPIN_COORDINATE)
-    if leap.max() > most:
-        raise OrbitLost("the run leaves for another motion")
+    require(leap.max() <= most, "the run leaves for another motion")
     yield from m.sections(passage)
 
 
@@ -301,7 +290,7 @@ def at_end(
 
 
 def orbit_through(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
-    """Find the orbit of a settled motion near a point of its section; raise OrbitLost if there is none."""
+    """Find the orbit of a settled motion near a point of its section."""
     fixed = solve(m, z, m.image(z).spin)
     return orbit_of(fixed, slow_motion_of(fixed))
 
@@ -322,11 +311,11 @@ def _starts(
 
 
 def _found(fixed: Fixed) -> PeriodicOrbit:
-    """Return the orbit of a fixed point; raise OrbitLost if it repeats after fewer periods."""
+    """Return the orbit of a fixed point that does not repeat after fewer periods."""
     fixed = centred(fixed)
     shorter = repeats_after(fixed)
-    if shorter < fixed.map.periods:
-        raise OrbitLost(f"the motion found repeats after {shorter} already; ask for periods={shorter}")
+    again = f"the motion found repeats after {shorter} already; ask for periods={shorter}"
+    require(shorter == fixed.map.periods, again)
     slow_motion = slow_motion_of(fixed)
     # the multipliers that a run shows are those at its own points: on the slow manifold, not at the fixed point
     matrix, gradient = fixed.map.jacobian(slow_motion.z)
@@ -389,7 +378,7 @@ def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
 
 
 def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -> Fixed:
-    """Find the fixed point at other parameters or another spin from one nearby; raise OrbitLost if there is none.
+    """Find the fixed point at other parameters or another spin from one nearby.
 
     Newton's method begins at the point nearby or, over a change of sequence, at the motion that a run settles on.
     """
@@ -398,9 +387,8 @@ def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -
     except OrbitLost:
         if known is None:
             raise
-        for own, z in settled_near(fixed, m, spin):
-            with suppress(OrbitLost):
-                found = solve(own, z, spin)
-                if np.abs(found.z - z).max() < JOINED:
-                    return centred(found)
+        settled = settled_near(fixed, m, spin)
+        for found, z in all_found(partial(lambda own, z: (solve(own, z, spin), z), *each) for each in settled):
+            if np.abs(found.z - z).max() < JOINED:
+                return centred(found)
         raise

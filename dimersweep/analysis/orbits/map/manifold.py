@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dimersweep.analysis.orbits.map.lost import attempt, singular_lost
 from dimersweep.analysis.orbits.map.newton import TOLERANCE, Fixed, newton, solve, system
-from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, singular_lost
+from dimersweep.analysis.orbits.map.poincare import Image
 
 # least distance of the multipliers of the fast part from 1: nearer, the fast part is as slow as the spin, and a slow
 # manifold means nothing
@@ -125,17 +126,14 @@ def slow_motion_of(fixed: Fixed) -> SlowMotion:
     still = slow_motion_at(fixed)
     if not has_fast_part(fixed):
         return still
-    try:
-        slow_motion = slow_motion_near(fixed, fixed.z + lag(fixed), fixed.image.spin)
-    except OrbitLost:
-        return still
-    return slow_motion if np.abs(slow_motion.z - fixed.z).max() <= NEAR else still
+    slow_motion = attempt(lambda: slow_motion_near(fixed, fixed.z + lag(fixed), fixed.image.spin))
+    return slow_motion if slow_motion and np.abs(slow_motion.z - fixed.z).max() <= NEAR else still
 
 
 def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
     """Find the motion on the manifold with a spin after the last impact [rad/s] that passes near a point `z`.
 
-    The map and the derivatives are those of a fixed point nearby. OrbitLost is raised if there is no such motion.
+    The map and the derivatives are those of a fixed point nearby.
     """
     m = fixed.map
 

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap
+from dimersweep.analysis.orbits.map.lost import OrbitLost, require
+from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
 
 TOLERANCE = 10.0  # largest residual of an orbit, over the rtol of the map, by which images are in error
 # most steps of Newton's method; ratio of a residual to the one before above which the derivative is computed anew
@@ -73,7 +74,7 @@ def newton(
     known: np.ndarray | None = None,
     most: int = NEWTON_STEPS,
 ) -> Root:
-    """Find a zero of `f` near `y`, or raise OrbitLost if the steps do not converge to one.
+    """Find a zero of `f` near `y`.
 
     A derivative is kept up to date by Broyden's formula, and computed anew only where the steps then converge too
     slowly.
@@ -84,7 +85,7 @@ def newton(
         Function; returns its value, shape (n,), and an object that is passed on with the zero.
     derivative : callable, optional
         Computes the derivative, shape (n, n). Without it only the known one and its updates are used, which is enough
-        where the steps are short. OrbitLost is then raised at the first step that comes no nearer.
+        where the steps are short. The zero is then lost at the first step that comes no nearer.
     target : float
         Largest entry of the value that counts as zero.
     known : ndarray, shape (n, n), optional
@@ -99,8 +100,7 @@ def newton(
             return Root(y, extra, r, A)
         if A is None and derivative is not None:
             most -= 1
-            if most < 0:
-                raise OrbitLost("Newton's method asks for one derivative after the other")
+            require(most >= 0, "Newton's method asks for one derivative after the other")
             A, fresh = derivative(y), True
         assert A is not None
         try:
@@ -108,8 +108,7 @@ def newton(
         except (np.linalg.LinAlgError, OrbitLost) as error:
             if size <= NEAR_ENOUGH * target:
                 return Root(y, extra, r, A)  # the rounding of the map allows no better
-            if fresh or not derivative:
-                raise OrbitLost(str(error)) from error
+            require(derivative and not fresh, str(error))
             A = None
             continue
         taken, size_next = y_next - y, np.abs(r_next).max()
@@ -122,9 +121,9 @@ def newton(
 def _nearer(
     f: Callable[[np.ndarray], tuple[np.ndarray, Any]], y: np.ndarray, step: np.ndarray, size: float, tries: int
 ) -> tuple[np.ndarray, np.ndarray, Any]:
-    """Shorten a step by halves until its end has a smaller value than `size`; return the end, its value and object.
+    """Shorten a step by halves, in `tries` lengths, until its end has a smaller value than `size`.
 
-    Raise OrbitLost if none of `tries` lengths comes nearer.
+    Return the end, its value and its object.
     """
     lost = OrbitLost("Newton's method finds no step that comes nearer")
     for _ in range(tries):
@@ -146,7 +145,7 @@ def fixed_at(m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: 
 
 
 def solve(m: ReturnMap, z: np.ndarray, spin: float | None, known: np.ndarray | None = None) -> Fixed:
-    """Find the fixed point near `z` by Newton's method, or raise OrbitLost if the steps do not converge to one.
+    """Find the fixed point near `z` by Newton's method.
 
     Parameters
     ----------
