@@ -6,8 +6,8 @@ from tests.checks import house
 
 # lines; where a change needs more, it says what for
 MOST_LINES = {"engine": 28_200, "analysis": 11_450}
-MOST_FLOORS = {"map": 6, "continuation": 7, "borders": 5, "slow": 4}
-MOST_TYPES = 60  # of orbits
+MOST_FLOORS = {"map": 5, "continuation": 6, "borders": 5, "slow": 4}
+MOST_TYPES = 59  # of orbits
 MOST_LOST = 53  # lines of the package that name OrbitLost
 
 

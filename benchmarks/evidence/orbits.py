@@ -13,7 +13,7 @@ import numpy as np
 
 from dimersweep import orbits, simulate
 from dimersweep.analysis.orbits.map.lost import OrbitLost
-from dimersweep.analysis.orbits.map.newton import defect
+from dimersweep.analysis.orbits.map.solution import defect
 
 SPIN = 100.0
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}  # Gamma over e

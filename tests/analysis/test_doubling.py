@@ -11,7 +11,7 @@ from dimersweep.analysis.orbits.borders.bifurcation_curve import DOUBLED_FOLD, B
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 from dimersweep.analysis.orbits.map.finding import checked
 from dimersweep.analysis.orbits.map.lost import OrbitLost
-from dimersweep.analysis.orbits.map.newton import newton
+from dimersweep.analysis.orbits.map.solution import newton
 
 
 class KnownMap:

@@ -6,11 +6,11 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from dimersweep import names, orbits, simulate
-from dimersweep.analysis.orbits.continuation.edges import uncertainty
+from dimersweep.analysis.attractors.edges import uncertainty
 from dimersweep.analysis.orbits.continuation.steps import halved
 from dimersweep.analysis.orbits.map.manifold import lag, slow_motion_of
-from dimersweep.analysis.orbits.map.newton import fixed_at, solve
 from dimersweep.analysis.orbits.map.orbit import orbit_of
+from dimersweep.analysis.orbits.map.solution import fixed_at, solve
 from dimersweep.errors import OrbitError, ParameterError
 from tests.checks.data import data
 

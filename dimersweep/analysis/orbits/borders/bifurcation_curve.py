@@ -21,9 +21,9 @@ from dimersweep.analysis.orbits.continuation.specials import Special, on_its_bor
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
 from dimersweep.analysis.orbits.map.lost import attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import eigenvector
-from dimersweep.analysis.orbits.map.newton import TOLERANCE, fixed_at, newton, target
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.poincare import TURN, ReturnMap
+from dimersweep.analysis.orbits.map.solution import TOLERANCE, fixed_at, newton, target
 
 # largest residual of the equation of an eigenvector that counts as zero: the products with J are differences over a
 # step of rtol^(1/3), which for an rtol of 1e-12 are right to about 1e-8

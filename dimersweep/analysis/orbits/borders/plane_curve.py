@@ -19,8 +19,8 @@ from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, SAME_WAY, steps
 from dimersweep.analysis.orbits.map.finding import RTOL
 from dimersweep.analysis.orbits.map.lost import OrbitLost, require, singular_lost
-from dimersweep.analysis.orbits.map.newton import newton, target
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit
+from dimersweep.analysis.orbits.map.solution import newton, target
 from dimersweep.cubes.cube import finished
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, pair_of

@@ -27,11 +27,11 @@ from dimersweep.analysis.orbits.continuation.specials import (
 from dimersweep.analysis.orbits.continuation.stability_end import across, beyond_gap, is_stable, last_that
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, steps
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, first_found, require, singular_lost
-from dimersweep.analysis.orbits.map.manifold import lag, multipliers_of
-from dimersweep.analysis.orbits.map.newton import defect, system
+from dimersweep.analysis.orbits.map.manifold import lag
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.passage import Sides, far_ends, rests, sides_of
 from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
+from dimersweep.analysis.orbits.map.solution import defect, multipliers_of, system
 
 # half widths of the bracket of a change of sequence, in the parameter over its scale: the greatest and the least one,
 # and the factor from one try to the next; rounding decides below the least one, for a bracket must hold the change

@@ -13,9 +13,19 @@ import numpy as np
 
 from dimersweep.analysis.orbits.continuation.steps import SAME_WAY
 from dimersweep.analysis.orbits.map.lost import all_found, attempt, first_found, require, singular_lost
-from dimersweep.analysis.orbits.map.manifold import lag, multipliers_of
-from dimersweep.analysis.orbits.map.newton import NEWTON_STEPS, Fixed, defect, fixed_at, newton, solve, system, target
+from dimersweep.analysis.orbits.map.manifold import lag
 from dimersweep.analysis.orbits.map.poincare import TURN, Image, ReturnMap
+from dimersweep.analysis.orbits.map.solution import (
+    NEWTON_STEPS,
+    Fixed,
+    defect,
+    fixed_at,
+    multipliers_of,
+    newton,
+    solve,
+    system,
+    target,
+)
 
 # entry of the parameter in a tangent (of length 1) below which the branch is near a fold: two points may then have one
 # value of the parameter, which does not tell them apart

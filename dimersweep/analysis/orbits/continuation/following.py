@@ -16,9 +16,9 @@ from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, LOCATED, st
 from dimersweep.analysis.orbits.map.finding import units_along
 from dimersweep.analysis.orbits.map.lost import OrbitLost, first_found
 from dimersweep.analysis.orbits.map.manifold import slow_motion_of
-from dimersweep.analysis.orbits.map.newton import Fixed, solve
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, dataset, orbit_of
 from dimersweep.analysis.orbits.map.poincare import Recorder, ReturnMap
+from dimersweep.analysis.orbits.map.solution import Fixed, solve
 from dimersweep.cubes.cube import finished
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count

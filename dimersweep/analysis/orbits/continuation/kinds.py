@@ -15,9 +15,9 @@ from dimersweep.analysis.orbits.continuation.branch import Mark, Point
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.lost import require
 from dimersweep.analysis.orbits.map.manifold import growth_in_plane
-from dimersweep.analysis.orbits.map.newton import fixed_at
 from dimersweep.analysis.orbits.map.passage import TURN, Sides
 from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
+from dimersweep.analysis.orbits.map.solution import fixed_at
 from dimersweep.kernel.verdict.past import HOP_LINE
 
 COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers counts as complex: a smaller one may be round-off

@@ -18,9 +18,9 @@ from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, FOLD, PI
 from dimersweep.analysis.orbits.continuation.steps import LEAP, LOCATED, SLOW_LEAP, Between, zero
 from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, require
 from dimersweep.analysis.orbits.map.manifold import eigenvector
-from dimersweep.analysis.orbits.map.newton import fixed_at, solve
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
 from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, Image, ReturnMap
+from dimersweep.analysis.orbits.map.solution import fixed_at, solve
 from dimersweep.kernel.model.layout import D1, FREE, N1
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
 

@@ -24,8 +24,8 @@ from dimersweep.analysis.orbits.continuation.specials import (
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps
 from dimersweep.analysis.orbits.map.finding import settled_on
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, require
-from dimersweep.analysis.orbits.map.newton import solve
 from dimersweep.analysis.orbits.map.poincare import JOINED, TURN
+from dimersweep.analysis.orbits.map.solution import solve
 
 # length to which a step in which stability ends is halved before changes of sequence are looked for in it
 NARROW_STRETCH = 1e-4

@@ -11,10 +11,10 @@ import xarray as xr
 
 from dimersweep.analysis.orbits.map.ball import ball_fold
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, in_steps, require
-from dimersweep.analysis.orbits.map.manifold import multipliers_of, slow_direction, slow_motion_of
-from dimersweep.analysis.orbits.map.newton import Fixed, solve, system
+from dimersweep.analysis.orbits.map.manifold import slow_motion_of
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, Recorder, ReturnMap
+from dimersweep.analysis.orbits.map.solution import Fixed, multipliers_of, slow_direction, solve, system
 from dimersweep.errors import OrbitError, ParameterError, one_line
 from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.kernel.model.layout import DIP, FREE, N_STATE, PERIOD, PHASE, ROW, ROW_PHI0, STICK, WB, State

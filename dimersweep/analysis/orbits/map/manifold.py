@@ -8,13 +8,20 @@ in all sections, to second order in the change (the zero-derivative principle of
 doi 10.1137/040608295).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from dimersweep.analysis.orbits.map.lost import attempt, singular_lost
-from dimersweep.analysis.orbits.map.newton import TOLERANCE, Fixed, newton, solve, system
 from dimersweep.analysis.orbits.map.poincare import Image
+from dimersweep.analysis.orbits.map.solution import (
+    TOLERANCE,
+    Fixed,
+    SlowMotion,
+    multipliers_of,
+    newton,
+    slow_direction,
+    slow_motion_at,
+    solve,
+)
 
 # least distance of the multipliers of the fast part from 1: nearer, the fast part is as slow as the spin, and a slow
 # manifold means nothing
@@ -24,49 +31,10 @@ SMALL_SPIN = 5e-3  # spin at which its growth beside a plane is measured, in the
 WEIGHTS = 8.0  # sum of the weights of the points in a third difference, 1 + 3 + 3 + 1: their errors add up
 
 
-class SlowMotion(NamedTuple):
-    """A motion on the slow manifold, over a period."""
-
-    z: np.ndarray  # point of the section, shape (n,)
-    image: Image  # image of that point; its spin is the one asked for
-    # change of theta over a period, from the last impact of the bouncer before `z` to its last impact before the image
-    # [rad]
-    turn: float
-    drift: float  # change of the spin in the next period [rad/s]
-    turn_drift: float  # change of the turn from this period to the next one [rad]
-    residual: float  # largest error of the equations that it solves, in units of the section
-
-
 def eigenvector(matrix: np.ndarray, value: float) -> np.ndarray:
     """Return the real part of the eigenvector to the multiplier nearest to a value."""
     values, vectors = np.linalg.eig(matrix)
     return vectors[:, int(np.argmin(np.abs(values - value)))].real
-
-
-@singular_lost()
-def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
-    """Return the derivative of the point by the spin (in its unit) along the family, and the drift of the spin [rad/s].
-
-    The drift is the change of the spin in a period of the motion. For it the change of the point over a period is
-    projected with the left eigenvector of the slow multiplier, since only its part along the manifold counts. The left
-    eigenvectors of all other multipliers, of which one is 1 at a fold, are across the family.
-    """
-    m = fixed.map
-    along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(fixed.z.size)[m.slow])
-    row = max(np.linalg.eig(fixed.matrix.T)[1].real.T, key=lambda each: abs(each @ along))
-    return along, float(row @ (fixed.image.point - fixed.z) / (row @ along)) * m.unit
-
-
-@singular_lost()
-def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
-    """Return the multipliers of the fast part, the largest first, and the multiplier of the slow direction.
-
-    They are those over the period of the motion. The slow one is nearest to 1.
-    """
-    values = np.linalg.eigvals(fixed.matrix)
-    slow = int(np.argmin(np.abs(values - 1)))
-    fast = np.delete(values, slow).astype(complex)
-    return fast[np.argsort(-np.abs(fast), kind="stable")], float(values[slow].real)
 
 
 @singular_lost()
@@ -91,13 +59,6 @@ def has_fast_part(fixed: Fixed) -> bool:
     """Return True if there are multipliers beside the slow one, and all of them are away from 1."""
     fast, _ = multipliers_of(fixed)
     return bool(fast.size > 0 and np.abs(fast - 1).min() >= APART)
-
-
-def slow_motion_at(fixed: Fixed) -> SlowMotion:
-    """Return the fixed point as a motion on the manifold, with a turn proportional to its spin, as in rolling."""
-    image, drift = fixed.image, slow_direction(fixed)[1]
-    turn_drift = image.theta * drift / image.spin if image.spin else 0.0
-    return SlowMotion(fixed.z, image, image.theta, drift, turn_drift, fixed.residual)
 
 
 def growth_in_plane(fixed: Fixed) -> tuple[float, bool]:

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.map.manifold import SlowMotion, multipliers_of, slow_motion_at
-from dimersweep.analysis.orbits.map.newton import Fixed
 from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.analysis.orbits.map.poincare import ReturnMap
+from dimersweep.analysis.orbits.map.solution import Fixed, SlowMotion, multipliers_of, slow_motion_at
 from dimersweep.cubes.cube import column, fixed_coordinates
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import CODE_WORDS, DI_ENDS, State

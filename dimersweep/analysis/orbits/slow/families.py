@@ -15,17 +15,10 @@ from dimersweep.analysis.orbits.continuation.following import traced
 from dimersweep.analysis.orbits.continuation.kinds import FOLD
 from dimersweep.analysis.orbits.map.finding import RTOL, checked, checked_spin, orbit_at, settled_near
 from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, first_found, in_steps, require
-from dimersweep.analysis.orbits.map.manifold import (
-    NEAR,
-    SlowMotion,
-    has_fast_part,
-    slow_direction,
-    slow_motion_near,
-    slow_motion_of,
-)
-from dimersweep.analysis.orbits.map.newton import fixed_at, solve, system
+from dimersweep.analysis.orbits.map.manifold import NEAR, has_fast_part, slow_motion_near, slow_motion_of
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, dataset, orbit_of
 from dimersweep.analysis.orbits.map.poincare import JOINED, ReturnMap
+from dimersweep.analysis.orbits.map.solution import SlowMotion, fixed_at, slow_direction, solve, system
 from dimersweep.cubes.cube import finished
 from dimersweep.cubes.grid import evenly
 from dimersweep.errors import OrbitError, ParameterError

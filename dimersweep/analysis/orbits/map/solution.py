@@ -1,11 +1,11 @@
-"""Newton's method, and the fixed points of the return map that it finds at a given spin."""
+"""Newton's method, and the fixed points of the return map that it finds, with their multipliers and slow drift."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from dimersweep.analysis.orbits.map.lost import OrbitLost, require
+from dimersweep.analysis.orbits.map.lost import OrbitLost, require, singular_lost
 from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
 
 TOLERANCE = 10.0  # largest residual of an orbit, over the rtol of the map, by which images are in error
@@ -25,6 +25,19 @@ class Fixed(NamedTuple):
     matrix: np.ndarray  # derivative of the map, shape (n, n)
     gradient: np.ndarray  # derivative of the spin after the last impact, in its unit, shape (n,)
     residual: float  # largest entry of `defect`, in units of the section
+
+
+class SlowMotion(NamedTuple):
+    """A motion on the slow manifold, over a period."""
+
+    z: np.ndarray  # point of the section, shape (n,)
+    image: Image  # image of that point; its spin is the one asked for
+    # change of theta over a period, from the last impact of the bouncer before `z` to its last impact before the image
+    # [rad]
+    turn: float
+    drift: float  # change of the spin in the next period [rad/s]
+    turn_drift: float  # change of the turn from this period to the next one [rad]
+    residual: float  # largest error of the equations that it solves, in units of the section
 
 
 def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float | None) -> np.ndarray:
@@ -165,3 +178,36 @@ def solve(m: ReturnMap, z: np.ndarray, spin: float | None, known: np.ndarray | N
     free = spin is None
     root = newton(value, z, lambda z: system(m, *m.jacobian(z), free), target(m, free), known)
     return fixed_at(m, root.y, root.extra, float(np.abs(root.value).max()))
+
+
+@singular_lost()
+def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
+    """Return the derivative of the point by the spin (in its unit) along the family, and the drift of the spin [rad/s].
+
+    The drift is the change of the spin in a period of the motion. For it the change of the point over a period is
+    projected with the left eigenvector of the slow multiplier, since only its part along the manifold counts. The left
+    eigenvectors of all other multipliers, of which one is 1 at a fold, are across the family.
+    """
+    m = fixed.map
+    along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(fixed.z.size)[m.slow])
+    row = max(np.linalg.eig(fixed.matrix.T)[1].real.T, key=lambda each: abs(each @ along))
+    return along, float(row @ (fixed.image.point - fixed.z) / (row @ along)) * m.unit
+
+
+@singular_lost()
+def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
+    """Return the multipliers of the fast part, the largest first, and the multiplier of the slow direction.
+
+    They are those over the period of the motion. The slow one is nearest to 1.
+    """
+    values = np.linalg.eigvals(fixed.matrix)
+    slow = int(np.argmin(np.abs(values - 1)))
+    fast = np.delete(values, slow).astype(complex)
+    return fast[np.argsort(-np.abs(fast), kind="stable")], float(values[slow].real)
+
+
+def slow_motion_at(fixed: Fixed) -> SlowMotion:
+    """Return the fixed point as a motion on the manifold, with a turn proportional to its spin, as in rolling."""
+    image, drift = fixed.image, slow_direction(fixed)[1]
+    turn_drift = image.theta * drift / image.spin if image.spin else 0.0
+    return SlowMotion(fixed.z, image, image.theta, drift, turn_drift, fixed.residual)

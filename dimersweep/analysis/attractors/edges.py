@@ -14,8 +14,8 @@ from dimersweep.analysis.orbits.continuation.kinds import FOLD
 from dimersweep.analysis.orbits.continuation.steps import halved
 from dimersweep.analysis.orbits.map.finding import centred, checked, first_map, of_run
 from dimersweep.analysis.orbits.map.lost import attempt
-from dimersweep.analysis.orbits.map.newton import solve
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
+from dimersweep.analysis.orbits.map.solution import solve
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, number, pair_of
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, PERIOD, PHASE
