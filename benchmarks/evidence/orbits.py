@@ -81,7 +81,7 @@ def closing(m):
     def closes(u, p):
         try:
             own = replace(m, parameters=m.parameters | {"Gamma": float(p)})
-            return defect(own, u, own.image(u), SPIN)
+            return defect(own, u, own.passage(u), SPIN)
         except OrbitLost:
             return np.full(u.size, 1e3)
 

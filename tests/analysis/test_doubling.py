@@ -23,7 +23,7 @@ class KnownMap:
 
 
 def fixed_point(m, z):
-    return newton(lambda z: (m.image(z).point - z, None), z, lambda z: m.jacobian(z)[0] - np.eye(z.size), 1e-11).y
+    return newton(lambda z: (m.passage(z).point - z, None), z, lambda z: m.jacobian(z)[0] - np.eye(z.size), 1e-11).y
 
 
 @pytest.mark.parametrize(("b", "c"), [(0.7, 0.3), (0.7, -0.9), (0.0, -0.2)])
@@ -66,7 +66,7 @@ def test_the_orbit_of_twice_the_period_leaves_the_flip_as_its_coefficient_says(e
     x = np.sqrt(away / flip.begin.doubling)
     twice = replace(beyond, periods=2)
     two = fixed_point(twice, one + x * v)
-    apart = 0.5 * np.linalg.norm(two - beyond.image(two).point)
+    apart = 0.5 * np.linalg.norm(two - beyond.passage(two).point)
     assert apart == pytest.approx(x * np.linalg.norm(v), rel=0.01)
 
 

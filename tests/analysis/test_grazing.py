@@ -13,11 +13,11 @@ LEAP = {"A_r": 7.0, "e": 0.59}  # p1 is so far off the plate that p2 strikes alo
 
 
 def gap_of(orbit):
-    return least_gap(orbit.fixed.map, orbit.fixed.image)
+    return least_gap(orbit.fixed.map, orbit.fixed.passage)
 
 
 def hop_of(orbit):
-    return orbit.fixed.image.passage.hops[0] / TURN
+    return orbit.fixed.passage.hops[0] / TURN
 
 
 @pytest.fixture(scope="module")

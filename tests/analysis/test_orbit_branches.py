@@ -74,7 +74,7 @@ def test_no_dimer_stands_steeper_than_it_is_long():
     m = orbits.find(spin=100.0).fixed.map
     z = np.zeros(m.free.size)
     z[0] = 1.5 * m.section.dm.l / m.section.units[0]
-    for asked in (m.state, m.image):
+    for asked in (m.state, m.passage):
         with pytest.raises(OrbitLost, match="steep"):
             asked(z)
 
@@ -206,7 +206,7 @@ def test_below_the_fold_a_run_leaves():
     left = False
     for _ in range(3000):
         try:
-            z = moved.image(z).point
+            z = moved.passage(z).point
         except RuntimeError:
             left = True
             break

@@ -209,7 +209,7 @@ def _orbit_at(run: Run, number: int) -> PeriodicOrbit | None:
 
     def found() -> PeriodicOrbit:
         m, z = of_run(run, first_map(run.parameters), number)
-        return orbit_of(centred(solve(m, z, m.image(z).spin)))
+        return orbit_of(centred(solve(m, z, m.passage(z).spin)))
 
     return attempt(found)
 

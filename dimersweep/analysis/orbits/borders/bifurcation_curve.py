@@ -22,7 +22,8 @@ from dimersweep.analysis.orbits.continuation.stability_end import stability_end
 from dimersweep.analysis.orbits.map.lost import attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import eigenvector
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import TURN, ReturnMap
+from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
 from dimersweep.analysis.orbits.map.solution import TOLERANCE, fixed_at, newton, target
 
 # largest residual of the equation of an eigenvector that counts as zero: the products with J are differences over a
@@ -255,11 +256,11 @@ class BifurcationCurve(Curve):
             return on_border(self.kind, self.axis, same_spin, np.append(z, at.y[-1]))
 
         plain = replace(at.map, spin=None)
-        image = plain.image(at.z)
-        moved = plain.in_own_section(at, image.passage, make)
+        image = plain.passage(at.z)
+        moved = plain.in_own_section(at, image, make)
         if moved is not at:
             at, plain = moved, replace(moved.map, spin=None)
-            image = plain.image(at.z)
+            image = plain.passage(at.z)
         matrix, _ = at.map.jacobian(at.z)
         orbit = orbit_of(fixed_at(plain, at.z, image, at.residual))
         if not self.sustained:

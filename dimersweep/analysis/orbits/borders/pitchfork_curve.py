@@ -13,7 +13,8 @@ from dimersweep.analysis.orbits.borders.curve import Curve, Found
 from dimersweep.analysis.orbits.continuation.branch import Equations, Point, with_derivatives
 from dimersweep.analysis.orbits.map.lost import first_found, require
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
+from dimersweep.analysis.orbits.map.passage import Passage
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
 
 
 class PitchforkCurve(Curve):
@@ -48,5 +49,5 @@ class PitchforkCurve(Curve):
         at = near.begin
         return Equations(at._replace(fixed=at.fixed._replace(map=m)), lambda _, m, image: self.kind.mark(m, image))
 
-    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Image], near: Found) -> Found:
+    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Passage], near: Found) -> Found:
         return self._found(with_derivatives(self.system(extra[0], near).point(u, extra)))

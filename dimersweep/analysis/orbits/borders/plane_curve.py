@@ -130,7 +130,7 @@ def _at_kink(found: Found) -> bool:
     """
     fixed = found.orbit.fixed
     steps = 2 * fixed.map.step * np.eye(fixed.z.size)
-    sequences = (fixed.map.image(fixed.z + d).passage.sequence for d in (0.0, *steps, *-steps))
+    sequences = (fixed.map.passage(fixed.z + d).sequence for d in (0.0, *steps, *-steps))
     return len({sequence.split(" far")[0] for sequence in sequences}) > 1
 
 

@@ -29,8 +29,8 @@ from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, st
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import lag
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.passage import Sides, far_ends, rests, sides_of
-from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
+from dimersweep.analysis.orbits.map.passage import Passage, Sides, far_ends, rests, sides_of
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
 from dimersweep.analysis.orbits.map.solution import defect, multipliers_of, system
 
 # half widths of the bracket of a change of sequence, in the parameter over its scale: the greatest and the least one,
@@ -65,8 +65,8 @@ def crept(at: Point, mark: Mark) -> float:
     The fixed point depends on the section, the drifting motion does not (see `manifold`).
     """
     along = cast(np.ndarray, at.mark_slope) @ at.tangent / at.tangent[-1]
-    of_motion = mark(at.map, at.map.image(at.fixed.z + lag(at.fixed)))
-    return float(at.value - at.axis.scale * (of_motion - mark(at.map, at.fixed.image)) / along)
+    of_motion = mark(at.map, at.map.passage(at.fixed.z + lag(at.fixed)))
+    return float(at.value - at.axis.scale * (of_motion - mark(at.map, at.fixed.passage)) / along)
 
 
 def _has_turned(orbit: PeriodicOrbit) -> bool:
@@ -174,7 +174,7 @@ class SequenceCurve(Curve):
         Yield both ends of each part.
         """
         if self.kind.lines is not None and halvings:
-            first, last = (self.kind.lines(point.fixed.image) for point in (a, b))
+            first, last = (self.kind.lines(point.fixed.passage) for point in (a, b))
             passes = (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any()
             if passes and (middle := attempt(Between(a, b).__getitem__, 0.5)):
                 yield from self._parts(a, middle, halvings - 1)
@@ -330,8 +330,8 @@ class SequenceCurve(Curve):
         def ahead(part: float) -> np.ndarray:
             aside = {name: old[name] + part * (value - old[name]) for name, value in given.items() if name in old}
             m = replace(near.map, parameters=aside | {self.parameter: near.value})
-            image = m.image(y[:-1])
-            moved = mark(m, image) - mark(near.map, near.fixed.image)
+            image = m.passage(y[:-1])
+            moved = mark(m, image) - mark(near.map, near.fixed.passage)
             fails = np.append(defect(m, y[:-1], image, self.axis.spin), moved)
             require(np.abs(fails).max() < REACH, "another motion is there")
             return y - np.linalg.solve(known, fails / part)
@@ -349,7 +349,7 @@ class SequenceCurve(Curve):
     def system(self, m: ReturnMap, near: Found) -> Equations:
         return _equations(near.begin._replace(fixed=near.begin.fixed._replace(map=m)), self._mark(near))
 
-    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Image], near: Found) -> Found:
+    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Passage], near: Found) -> Found:
         at = self.system(extra[0], near).point(u, extra)
         return self._at_zero(at, cast(Sides, near.sides), self._mark(near))
 

@@ -14,7 +14,8 @@ import numpy as np
 from dimersweep.analysis.orbits.continuation.steps import SAME_WAY
 from dimersweep.analysis.orbits.map.lost import all_found, attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import lag
-from dimersweep.analysis.orbits.map.poincare import TURN, Image, ReturnMap
+from dimersweep.analysis.orbits.map.passage import TURN, Passage
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
 from dimersweep.analysis.orbits.map.solution import (
     NEWTON_STEPS,
     Fixed,
@@ -31,7 +32,7 @@ from dimersweep.analysis.orbits.map.solution import (
 # value of the parameter, which does not tell them apart
 NEAR_TURN = 0.05
 
-Mark = Callable[[ReturnMap, Image], float]  # function of an orbit that is zero at a border
+Mark = Callable[[ReturnMap, Passage], float]  # function of an orbit that is zero at a border
 
 
 class Axis(NamedTuple):
@@ -45,15 +46,15 @@ class Axis(NamedTuple):
         """Return the map at a value of the parameter over its scale, if that value is allowed."""
         return m if self.name == "spin" else m.at(self.name, float(share * self.scale))
 
-    def image(self, m: ReturnMap, y: np.ndarray) -> Image:
-        """Return the image of a section point followed by the parameter over its scale, shape (n + 1,)."""
-        return self.map_at(m, y[-1]).image(y[:-1])
+    def passage(self, m: ReturnMap, y: np.ndarray) -> Passage:
+        """Return the passage from a section point, which is followed in `y` by the parameter over its scale."""
+        return self.map_at(m, y[-1]).passage(y[:-1])
 
     def taken_up(self, fixed: Fixed) -> Fixed:
         """Return the fixed point with which a branch begins: `fixed` or, for a free spin, one nearby without drift."""
         if self.spin is not None:
             return fixed
-        places = chain([(fixed.map, fixed.z)], fixed.map.sections(fixed.image.passage))
+        places = chain([(fixed.map, fixed.z)], fixed.map.sections(fixed.passage))
         return first_found(partial(solve, *place, None) for place in places)
 
     def spin_at(self, value: float) -> float | None:
@@ -83,7 +84,7 @@ class Point(NamedTuple):
     @property
     def sequence(self) -> str:
         """Symbol sequence of the motion."""
-        return self.fixed.image.passage.sequence
+        return self.fixed.passage.sequence
 
     @property
     def y(self) -> np.ndarray:
@@ -121,7 +122,7 @@ class Point(NamedTuple):
         """Require that the branch turns little over a step and, if the spin is free, does not turn back at a kink."""
         require(self.tangent @ to.tangent >= SAME_WAY, "the branch turns too sharply")
         if self.axis.spin is None:
-            back = self.side() != to.side() and self.fixed.image.spin * to.fixed.image.spin > 0
+            back = self.side() != to.side() and self.fixed.passage.spin * to.fixed.passage.spin > 0
             far = np.linalg.norm(to.y - self.y) > step / SAME_WAY
             require(not back and not far, "the branch turns back at a kink")
 
@@ -132,11 +133,11 @@ class Point(NamedTuple):
         """
         if self.grazes:
             return self
-        return self.map.in_own_section(self, self.fixed.image.passage, partial(_moved, self), simplest)
+        return self.map.in_own_section(self, self.fixed.passage, partial(_moved, self), simplest)
 
     def elsewhere(self) -> "Iterator[Point]":
         """Yield the point in the section of each smooth phase of its motion in which Newton's method finds it."""
-        yield from all_found(partial(_moved, self, *place) for place in self.map.sections(self.fixed.image.passage))
+        yield from all_found(partial(_moved, self, *place) for place in self.map.sections(self.fixed.passage))
 
 
 def slope_of(
@@ -168,7 +169,7 @@ def slope_of(
 
     def at(by: float) -> np.ndarray:
         there = axis.map_at(m, share + by)
-        image = there.image(z)
+        image = there.passage(z)
         fails = defect(there, z, image, axis.spin)
         return fails if mark is None else np.append(fails, mark(there, image))
 
@@ -226,13 +227,13 @@ class Equations:
     The arguments of `last` are y, the map and the image.
     """
 
-    def __init__(self, near: Point, last: Callable[[np.ndarray, ReturnMap, Image], float]) -> None:
+    def __init__(self, near: Point, last: Callable[[np.ndarray, ReturnMap, Passage], float]) -> None:
         self.axis, self.near, self.last = near.axis, near, last
 
-    def value(self, there: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Image]]:
+    def value(self, there: np.ndarray) -> tuple[np.ndarray, tuple[ReturnMap, Passage]]:
         """Return the values of the functions to be zero, shape (n + 1,), and the map and image they come from."""
         own = self.axis.map_at(self.near.map, there[-1])
-        image = own.image(there[:-1])
+        image = own.passage(there[:-1])
         fails = defect(own, there[:-1], image, self.axis.spin_at(there[-1] * self.axis.scale))
         return np.array([*fails, self.last(there, own, image)]), (own, image)
 
@@ -256,10 +257,10 @@ class Equations:
         root = newton(self.value, y, derivative, target(self.near.map, self.axis.spin is None), known, most)
         return self.point(root.y, root.extra, float(np.abs(root.value[:-1]).max())), root.derivative
 
-    def point(self, y: np.ndarray, extra: tuple[ReturnMap, Image], residual: float = 0.0) -> Point:
+    def point(self, y: np.ndarray, extra: tuple[ReturnMap, Passage], residual: float = 0.0) -> Point:
         """Return the point at a solution `y`, from the map and image that `value` returned there."""
         own, image = extra
-        fixed = self.near.fixed._replace(map=own, z=y[:-1], image=image, residual=residual)
+        fixed = self.near.fixed._replace(map=own, z=y[:-1], passage=image, residual=residual)
         return self.near._replace(fixed=fixed, value=float(y[-1] * self.axis.scale), mark_slope=None, grazes=False)
 
 
@@ -288,7 +289,7 @@ def _ahead(point: Point, moved: ReturnMap, z: np.ndarray) -> np.ndarray:
     def way() -> np.ndarray:
         later = point.y + m.step * point.tangent
         own = point.axis.map_at(m, later[-1])
-        passage = own.image(later[:-1]).passage
+        passage = own.passage(later[:-1])
         places = [own.moved_to(passage, phase) for phase in phases]
         same = [there for map_, there in places if map_.free.size == z.size]
         return (min(same, key=lambda there: float(np.abs(there - z).max()), default=z) - z) / m.step

@@ -143,7 +143,7 @@ def traced(
                 rows.append(_row(point))
                 taken = steps(point, FOLLOWING, tuple(edges))
                 continue
-            if free and a.fixed.image.spin * b.fixed.image.spin < 0:
+            if free and a.fixed.passage.spin * b.fixed.passage.spin < 0:
                 fork, end = pitchfork_in(a, b), MIRRORED
                 rows += [_row(fork.point, fork)] if fork else []
                 continue
@@ -194,7 +194,7 @@ def _over_kink(point: Point, low: float, high: float) -> tuple[Point, str]:
         return last, ""
     if min(abs(last.value - low), abs(last.value - high)) < LEAST_SCALE * GAP * last.axis.scale:
         return last, "to: the value asked for is nearly reached"
-    given = last._replace(axis=last.axis._replace(spin=last.fixed.image.spin))
+    given = last._replace(axis=last.axis._replace(spin=last.fixed.passage.spin))
     drifts = beyond_gap(lambda _: True, given, sense) is not None
     return last, f"{kind_beyond(last).name}: {'the drift leaps over zero' if drifts else 'the family ends'}"
 
@@ -205,7 +205,7 @@ def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:
     def begun(m: ReturnMap, z: np.ndarray) -> Point:
         return point_of(axis, solve(m, z, axis.spin_at(value)), value)
 
-    others = fixed.map.sections(fixed.image.passage)
+    others = fixed.map.sections(fixed.passage)
     return first_found(chain([partial(point_of, axis, fixed, value)], (partial(begun, *place) for place in others)))
 
 

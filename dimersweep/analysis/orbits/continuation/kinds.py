@@ -15,8 +15,8 @@ from dimersweep.analysis.orbits.continuation.branch import Mark, Point
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.lost import require
 from dimersweep.analysis.orbits.map.manifold import growth_in_plane
-from dimersweep.analysis.orbits.map.passage import TURN, Sides
-from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
+from dimersweep.analysis.orbits.map.passage import TURN, Passage, Sides
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
 from dimersweep.analysis.orbits.map.solution import fixed_at
 from dimersweep.kernel.verdict.past import HOP_LINE
 
@@ -160,7 +160,7 @@ class Change(Kind):
     leads: Callable[[str, str], bool]  # returns True if a change from one sequence to another is of this kind
     begins: str = ""  # first letters of the symbols that are compared
     # returns numbers of a motion, of which one changes its sign at each change of this kind, if such numbers are known
-    lines: Callable[[Image], np.ndarray] | None = None
+    lines: Callable[[Passage], np.ndarray] | None = None
     color: str = "#009e73"
     marker: str = "|"
     of_sequence = True
@@ -224,7 +224,7 @@ class Pitchfork(Kind):
         """Return True if the drift is smooth: if it is not, a small enough spin grows, or falls, on both sides."""
         return growth_in_plane(point.fixed)[1]
 
-    def mark(self, m: ReturnMap, image: Image) -> float:
+    def mark(self, m: ReturnMap, image: Passage) -> float:
         """Return the growth of a small spin beside the motion of an image.
 
         It is scaled up, so that it counts as much in Newton's method as the other equations.
@@ -246,9 +246,9 @@ def _changed(old: str, new: str) -> set[str]:
     return set(old.split()) ^ set(new.split())
 
 
-def _over_line(image: Image, end: int) -> float:
+def _over_line(image: Passage, end: int) -> float:
     """Return the length of the longest hop of an end less half a period, in forcing periods."""
-    return image.passage.hops[end] / TURN - HOP_LINE
+    return image.hops[end] / TURN - HOP_LINE
 
 
 def _hop_over_line(sides: Sides) -> Mark | None:

@@ -19,7 +19,8 @@ from dimersweep.analysis.orbits.continuation.steps import LEAP, LOCATED, SLOW_LE
 from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, require
 from dimersweep.analysis.orbits.map.manifold import eigenvector
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, Image, ReturnMap
+from dimersweep.analysis.orbits.map.passage import TURN, Passage
+from dimersweep.analysis.orbits.map.poincare import JOINED, ReturnMap
 from dimersweep.analysis.orbits.map.solution import fixed_at, solve
 from dimersweep.kernel.model.layout import D1, FREE, N1
 from dimersweep.kernel.record import SEGMENT_HOP_TIME, SEGMENT_MODES
@@ -42,9 +43,9 @@ WIDE, NO_GAP = 0.05, 1e-9  # gap above which no impact is near, and gap that cou
 CLOSER, LEAST_CLOSER = 0.02, 0.7
 
 
-def least_gap(m: ReturnMap, image: Image) -> float:
+def least_gap(m: ReturnMap, image: Passage) -> float:
     """Return the least gap at which an end turns in the air, in units of the section; inf if no end does."""
-    passage = image.passage
+    passage = image
     lengths, segments = np.diff(passage.times), passage.segments
     least = np.inf
     for end in (0, 1):
@@ -68,7 +69,7 @@ def least_gap(m: ReturnMap, image: Image) -> float:
 
 def graze(near: Point) -> tuple[Point, str]:
     """Find the orbit near another one at which an end just misses the plate, and the sequence where the end strikes."""
-    aim = gap = least_gap(near.map, near.fixed.image)
+    aim = gap = least_gap(near.map, near.fixed.passage)
     require(NO_GAP < gap < WIDE, "no end turns near the plate")
 
     equations = Equations(near, lambda _, m, image: least_gap(m, image) - aim)
@@ -87,8 +88,8 @@ def graze(near: Point) -> tuple[Point, str]:
         gap, known, closer = aim, first if latest is None else latest, CLOSER
     opens = first[-1]
     at = with_derivatives(at._replace(tangent=opens), np.where(opens >= 0, 1.0, -1.0))
-    beyond = at.axis.image(at.map, at.y - at.map.one_sided * opens / np.abs(opens).max())
-    return at._replace(mark_slope=opens, grazes=True), beyond.passage.sequence
+    beyond = at.axis.passage(at.map, at.y - at.map.one_sided * opens / np.abs(opens).max())
+    return at._replace(mark_slope=opens, grazes=True), beyond.sequence
 
 
 def on_its_border(kind: Kind, orbit: PeriodicOrbit, free: bool) -> PeriodicOrbit:
@@ -141,7 +142,7 @@ def pitchfork_in(a: Point, b: Point) -> Special | None:
     The step from `a` to `b` leads over the plane, to the mirror image of the branch. None is returned where the drift
     is not smooth about the plane: the spin falls exponentially there, and does not come to 0.
     """
-    spins = [point.fixed.image.spin for point in (a, b)]
+    spins = [point.fixed.passage.spin for point in (a, b)]
     y = a.y + spins[0] / (spins[0] - spins[1]) * (b.y - a.y)
     value, along = float(y[-1] * a.axis.scale), np.eye(y.size)[-1]
 
@@ -192,8 +193,8 @@ def on_own_side(at: Point, holds: Callable[[str], bool]) -> Point:
     """Return a point with derivatives that are taken, for each entry of y, to the side where `holds` is satisfied."""
 
     def kept(d: np.ndarray) -> bool:
-        image = attempt(at.axis.image, at.map, at.y + d)
-        return image is not None and holds(image.passage.sequence)
+        image = attempt(at.axis.passage, at.map, at.y + d)
+        return image is not None and holds(image.sequence)
 
     return with_derivatives(at, np.array([1.0 if kept(d) else -1.0 for d in at.map.one_sided * np.eye(at.y.size)]))
 
@@ -251,8 +252,8 @@ class Bracket:
         """
         y, normal = self._plane(share)
 
-        def off_plane(there: np.ndarray, _: ReturnMap, image: Image) -> float:
-            require(self.holds(image.passage.sequence), "the sequence changes")
+        def off_plane(there: np.ndarray, _: ReturnMap, image: Passage) -> float:
+            require(self.holds(image.sequence), "the sequence changes")
             return float(normal @ (there - y))
 
         def found() -> Point:
@@ -281,7 +282,7 @@ class Bracket:
 
     def grazing(self) -> Special:
         """Return the graze in the bracket over which `holds` changes."""
-        near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.image))
+        near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.fixed.passage))
         at, struck = graze(near)
         missed = at.sequence
         low, high = sorted((self.left.value, self.right.value))

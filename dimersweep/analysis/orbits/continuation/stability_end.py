@@ -24,7 +24,8 @@ from dimersweep.analysis.orbits.continuation.specials import (
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps
 from dimersweep.analysis.orbits.map.finding import settled_on
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, require
-from dimersweep.analysis.orbits.map.poincare import JOINED, TURN
+from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.poincare import JOINED
 from dimersweep.analysis.orbits.map.solution import solve
 
 # length to which a step in which stability ends is halved before changes of sequence are looked for in it
@@ -53,7 +54,7 @@ def stability_end(begin: Point) -> Special:
 
     def same_side(other: Point) -> bool:
         """Return True if an orbit is stable, and its spin, if that is free, has the sign of the first one."""
-        mirrored = begin.axis.spin is None and begin.fixed.image.spin * other.fixed.image.spin < 0
+        mirrored = begin.axis.spin is None and begin.fixed.passage.spin * other.fixed.passage.spin < 0
         return is_stable(other) and not mirrored
 
     for _ in range(MOST_CHANGES):
@@ -152,7 +153,7 @@ def _come_to(holds: Holds, point: Point, by: float) -> Point:
     m = axis.map_at(point.map, value / axis.scale)
     own, z = settled_on(m, m.state(point.fixed.z), m.periods)
     fixed = solve(own, z, axis.spin_at(value))
-    before, _ = point.map.sampled(point.fixed.image.passage, (own.phase - point.map.phase) % TURN)
+    before, _ = point.map.sampled(point.fixed.passage, (own.phase - point.map.phase) % TURN)
     leap = own.section.point(own.state(fixed.z)) - own.section.point(before)
     return _accepted(holds, point_of(axis, fixed, value, by), leap)
 
@@ -195,7 +196,7 @@ def _in_step(a: Point, b: Point) -> Special:
     )
     if change := attempt(next, ends, None):
         return change
-    whole = [point.fixed.image.passage.whole_sequence for point in (low, high)]
+    whole = [point.fixed.passage.whole_sequence for point in (low, high)]
     change_there = change_of(*whole) if whole[0] != whole[1] else ANY_CHANGE
     return Special(change_there, low, 0.0, 0.0, (low.sequence, high.sequence))
 
@@ -207,7 +208,9 @@ def _is_stable_on_own_side(beyond: Point) -> bool:
 
 def kind_beyond(last: Point) -> Kind:
     """Return the kind of change at which a branch ends, from the sequences of points beyond, which are no orbits."""
-    sequence = last.fixed.image.passage.whole_sequence
-    ahead = (partial(last.axis.image, last.map, last.y + by * last.tangent) for by in np.geomspace(FIRST_PUSH, GAP, 4))
-    others = (image.passage.whole_sequence for image in all_found(ahead))
+    sequence = last.fixed.passage.whole_sequence
+    ahead = (
+        partial(last.axis.passage, last.map, last.y + by * last.tangent) for by in np.geomspace(FIRST_PUSH, GAP, 4)
+    )
+    others = (image.whole_sequence for image in all_found(ahead))
     return next((change_of(sequence, other) for other in others if other != sequence), ANY_CHANGE)

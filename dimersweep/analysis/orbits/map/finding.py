@@ -13,7 +13,8 @@ from dimersweep.analysis.orbits.map.ball import ball_fold
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, in_steps, require
 from dimersweep.analysis.orbits.map.manifold import slow_motion_of
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, Recorder, ReturnMap
+from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.poincare import JOINED, Recorder, ReturnMap
 from dimersweep.analysis.orbits.map.solution import Fixed, multipliers_of, slow_direction, solve, system
 from dimersweep.errors import OrbitError, ParameterError, one_line
 from dimersweep.inputs import as_number, check_count, check_rtol
@@ -111,7 +112,7 @@ def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> 
     """
     require((np.abs(multipliers_of(at)[0]) < 1).all(), "the orbit is unstable: no run stays near it")
     along, _ = slow_direction(at)
-    state = begin = m.state(at.z + along * (spin - at.image.spin) / m.unit)
+    state = begin = m.state(at.z + along * (spin - at.passage.spin) / m.unit)
     for _ in range(RUN_IN):
         state[PHASE] = 0.0
         state, modes, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
@@ -291,7 +292,7 @@ def at_end(
 
 def orbit_through(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
     """Find the orbit of a settled motion near a point of its section."""
-    fixed = solve(m, z, m.image(z).spin)
+    fixed = solve(m, z, m.passage(z).spin)
     return orbit_of(fixed, slow_motion_of(fixed))
 
 
@@ -325,8 +326,8 @@ def _found(fixed: Fixed) -> PeriodicOrbit:
 
 def centred(fixed: Fixed) -> Fixed:
     """Return the fixed point in a section that suits it better, if there is one and it is found there, else itself."""
-    image = fixed.image
-    return fixed.map.in_own_section(fixed, image.passage, lambda m, z: solve(m, z, image.spin))
+    image = fixed.passage
+    return fixed.map.in_own_section(fixed, image, lambda m, z: solve(m, z, image.spin))
 
 
 def repeats_after(fixed: Fixed) -> int:
@@ -334,7 +335,7 @@ def repeats_after(fixed: Fixed) -> int:
     m = fixed.map
     for k in range(1, m.periods):
         if m.periods % k == 0:
-            state, _ = m.sampled(fixed.image.passage, TURN * k)
+            state, _ = m.sampled(fixed.passage, TURN * k)
             # gaps and their rates are compared whether they are free or not: an end that is down here may be in the air
             # then
             fast = np.union1d(GAPS_AND_RATES, np.delete(m.free, m.slow))
@@ -352,7 +353,7 @@ def _from_ball(m: ReturnMap, spin: float, transient: int) -> Fixed:
 def _from_run(run: Run, m: ReturnMap, spin: float | None) -> Fixed:
     """Find the fixed point from the end of a run, at a spin or, by default, at the spin of the run."""
     m, z = of_run(run, m)
-    return solve(m, z, m.image(z).spin if spin is None else spin)
+    return solve(m, z, m.passage(z).spin if spin is None else spin)
 
 
 def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:

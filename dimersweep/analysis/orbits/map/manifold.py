@@ -11,7 +11,7 @@ doi 10.1137/040608295).
 import numpy as np
 
 from dimersweep.analysis.orbits.map.lost import attempt, singular_lost
-from dimersweep.analysis.orbits.map.poincare import Image
+from dimersweep.analysis.orbits.map.passage import Passage
 from dimersweep.analysis.orbits.map.solution import (
     TOLERANCE,
     Fixed,
@@ -87,7 +87,7 @@ def slow_motion_of(fixed: Fixed) -> SlowMotion:
     still = slow_motion_at(fixed)
     if not has_fast_part(fixed):
         return still
-    slow_motion = attempt(lambda: slow_motion_near(fixed, fixed.z + lag(fixed), fixed.image.spin))
+    slow_motion = attempt(lambda: slow_motion_near(fixed, fixed.z + lag(fixed), fixed.passage.spin))
     return slow_motion if slow_motion and np.abs(slow_motion.z - fixed.z).max() <= NEAR else still
 
 
@@ -98,7 +98,7 @@ def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
     """
     m = fixed.map
 
-    def value(begin: np.ndarray) -> tuple[np.ndarray, list[Image]]:
+    def value(begin: np.ndarray) -> tuple[np.ndarray, list[Passage]]:
         images = m.chain(begin, 3)
         a, b, c = (image.point for image in images)
         r = c - 3 * b + 3 * a - begin
@@ -110,12 +110,12 @@ def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
         A[m.slow] = gradient @ matrix
         return A
 
-    begin = 2 * z - m.image(z).point  # one period before `z`, at an even pace: `z` is the second of the points
+    begin = 2 * z - m.passage(z).point  # one period before `z`, at an even pace: `z` is the second of the points
     target, known = WEIGHTS * TOLERANCE * m.rtol, derivative(fixed.matrix, fixed.gradient)
     root = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, known)
     before, here, after = root.extra
     turn, next_turn = (
-        one.theta - one.passage.read.turned + two.passage.read.turned for one, two in ((before, here), (here, after))
+        one.theta - one.read.turned + two.read.turned for one, two in ((before, here), (here, after))
     )
     return SlowMotion(
         before.point, here, turn, after.spin - here.spin, next_turn - turn, float(np.abs(root.value).max())

@@ -217,7 +217,7 @@ class PeriodicOrbit:
         periods, rtol = check_count("periods", periods), check_rtol(rtol)
         m, recorder = self.fixed.map, self.fixed.map.recorder
         phase = (self.parameters["phi0"] - m.phase) % TURN
-        state, _ = m.sampled(self.slow_motion.image.passage, phase)
+        state, _ = m.sampled(self.slow_motion.passage, phase)
         # a run begins at the origin, whatever place, heading and spinning angle the passage has come to
         begun = State(*state)._replace(phase=0.0, period=0.0, theta=0.0, x1=0.0, y1=0.0, gamma=0.0)
         row = m.row_at(self.parameters["phi0"])
@@ -255,8 +255,8 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
     m = fixed.map
     if slow_motion is None:
         slow_motion = slow_motion_at(fixed)
-    parameters, image = m.parameters, slow_motion.image
-    read = image.passage.read
+    parameters, image = m.parameters, slow_motion.passage
+    read = image.read
     turn = slow_motion.turn / m.periods
     in_plane = abs(turn) <= CIRCLE or abs(image.spin) <= PLANE * m.unit
     rate = 0.0 if in_plane else turn * parameters["f"]
@@ -278,7 +278,7 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),
         residual=fixed.residual,
-        sequence=image.passage.sequence,
+        sequence=image.sequence,
         cost=m.recorder.periods,
         rtol=m.rtol,
         fixed=fixed,

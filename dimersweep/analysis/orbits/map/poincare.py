@@ -8,7 +8,7 @@ Where the kernel cannot go on, or the motion comes to the section in another con
 A fault of the kernel raises `KernelError` instead.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -61,23 +61,6 @@ WHY_NONE = {
 T = TypeVar("T")
 
 
-class Image(NamedTuple):
-    """The image of a point of the section, and the record of the passage that leads there."""
-
-    point: np.ndarray  # image in the free coordinates, shape (n,)
-    passage: Passage
-
-    @property
-    def spin(self) -> float:
-        """Spin after the last impact of the bouncer or, without one, at the end before it is put back [rad/s]."""
-        return self.passage.read.spin
-
-    @property
-    def theta(self) -> float:
-        """Change of theta over the passage [rad]."""
-        return self.passage.read.theta
-
-
 class Recorder:
     """The scratch arrays, the record and the count of forcing periods that all maps of one task share.
 
@@ -105,7 +88,7 @@ class Recorder:
 
         (status, state, modes), reading = self._recorded(1, made)
         _check(status)
-        return state, modes, self.passages(reading)[0]
+        return state, modes, self.passages(reading, [np.empty(0)])[0]
 
     def images(self, m: "ReturnMap", points: np.ndarray, chained: bool) -> tuple[np.ndarray, Reading]:
         """Return the images of points of a map, shape (n, k), and the numbers that are read off the record.
@@ -133,13 +116,13 @@ class Recorder:
                 return told, reading
             self.record = new_record(RECORD_GROWTH * rows)
 
-    def passages(self, reading: Reading) -> list[Passage]:
-        """Return a copy of each passage in the record."""
+    def passages(self, reading: Reading, points: Iterable[np.ndarray]) -> list[Passage]:
+        """Return a copy of each passage in the record, with the image that it leads to."""
         found, event, segment = [], 0, 0
-        for read in map(Read._make, reading.rows.tolist()):
+        for read, point in zip(map(Read._make, reading.rows.tolist()), points, strict=True):
             events, segments = slice(event, int(read.events)), slice(segment, int(read.segments))
             rows = self.record.events[events].copy(), self.record.segments[segments].copy()
-            found.append(Passage(*rows, reading.symbols[events].copy(), read))
+            found.append(Passage(*rows, reading.symbols[events].copy(), read, point))
             event, segment = events.stop, segments.stop
         return found
 
@@ -221,16 +204,16 @@ class ReturnMap:
         _check(status)
         return state
 
-    def image(self, z: np.ndarray) -> Image:
-        """Return the image of a point after the periods of the motion."""
+    def passage(self, z: np.ndarray) -> Passage:
+        """Return the passage from a point to its image, after the periods of the motion."""
         return self.chain(z, 1)[0]
 
-    def chain(self, z: np.ndarray, count: int) -> list[Image]:
-        """Return the image of a point, the image of that image, and so on, `count` images in all."""
+    def chain(self, z: np.ndarray, count: int) -> list[Passage]:
+        """Return the passage from a point to its image, from there to the image of that, and so on, `count` in all."""
         points = np.empty((count, z.size))
         points[0] = z
         found, reading = self.recorder.images(self, points, True)
-        return [Image(*each) for each in zip(found, self.recorder.passages(reading), strict=True)]
+        return self.recorder.passages(reading, found)
 
     def images(self, points: np.ndarray) -> np.ndarray:
         """Return the images of points, shape (n, k), with the spins in their unit as a last column."""
@@ -243,7 +226,10 @@ class ReturnMap:
         return rows[:-1], rows[-1]
 
     def differences(
-        self, z: np.ndarray, senses: np.ndarray | None = None, mark: Callable[["ReturnMap", Image], float] | None = None
+        self,
+        z: np.ndarray,
+        senses: np.ndarray | None = None,
+        mark: Callable[["ReturnMap", Passage], float] | None = None,
     ) -> np.ndarray:
         """Return the derivatives of the image, of the spin in its unit, and of a `mark`, by the coordinates.
 
@@ -255,7 +241,7 @@ class ReturnMap:
             Side, 1 or -1, to which the difference by each coordinate is taken, as where an end grazes; by default the
             differences are central.
         mark : callable, optional
-            Function of a map and an image.
+            Function of a map and a passage.
 
         Returns
         -------
@@ -268,7 +254,7 @@ class ReturnMap:
         if mark is None:
             seen = self.images(points)
         else:
-            along = [self.image(point) for point in points]
+            along = [self.passage(point) for point in points]
             seen = np.array([[*image.point, image.spin / self.unit, mark(self, image)] for image in along])
         return (seen[: z.size] - seen[z.size :]).T / (np.diag(steps) * (2 if senses is None else 1))
 

@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from dimersweep.analysis.orbits.map.lost import OrbitLost, require, singular_lost
-from dimersweep.analysis.orbits.map.poincare import Image, ReturnMap
+from dimersweep.analysis.orbits.map.passage import Passage
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
 
 TOLERANCE = 10.0  # largest residual of an orbit, over the rtol of the map, by which images are in error
 # most steps of Newton's method; ratio of a residual to the one before above which the derivative is computed anew
@@ -21,7 +22,7 @@ class Fixed(NamedTuple):
 
     map: ReturnMap
     z: np.ndarray  # point of the section, the spin there included, shape (n,)
-    image: Image  # image of `z`
+    passage: Passage  # motion from `z` to its image
     matrix: np.ndarray  # derivative of the map, shape (n, n)
     gradient: np.ndarray  # derivative of the spin after the last impact, in its unit, shape (n,)
     residual: float  # largest entry of `defect`, in units of the section
@@ -31,7 +32,7 @@ class SlowMotion(NamedTuple):
     """A motion on the slow manifold, over a period."""
 
     z: np.ndarray  # point of the section, shape (n,)
-    image: Image  # image of that point; its spin is the one asked for
+    passage: Passage  # motion from that point to its image; its spin is the one asked for
     # change of theta over a period, from the last impact of the bouncer before `z` to its last impact before the image
     # [rad]
     turn: float
@@ -40,7 +41,7 @@ class SlowMotion(NamedTuple):
     residual: float  # largest error of the equations that it solves, in units of the section
 
 
-def defect(m: ReturnMap, z: np.ndarray, image: Image, spin: float | None) -> np.ndarray:
+def defect(m: ReturnMap, z: np.ndarray, image: Passage, spin: float | None) -> np.ndarray:
     """Return how far a point and its image are apart, in units of the section, shape (n,).
 
     The entry of the spin is the distance of the spin after the last impact from `spin` [rad/s]. If `spin` is None, the
@@ -150,9 +151,9 @@ def _nearer(
     raise lost
 
 
-def fixed_at(m: ReturnMap, z: np.ndarray, image: Image | None = None, residual: float = 0.0) -> Fixed:
+def fixed_at(m: ReturnMap, z: np.ndarray, image: Passage | None = None, residual: float = 0.0) -> Fixed:
     """Return the fixed point `z` with its derivatives, and its image if that is not known, computed there."""
-    image = m.image(z) if image is None else image
+    image = m.passage(z) if image is None else image
     matrix, gradient = m.jacobian(z)
     return Fixed(m, z, image, matrix, gradient, residual)
 
@@ -171,8 +172,8 @@ def solve(m: ReturnMap, z: np.ndarray, spin: float | None, known: np.ndarray | N
         Derivative of `defect` nearby, with which the steps begin.
     """
 
-    def value(z: np.ndarray) -> tuple[np.ndarray, Image]:
-        image = m.image(z)
+    def value(z: np.ndarray) -> tuple[np.ndarray, Passage]:
+        image = m.passage(z)
         return defect(m, z, image, spin), image
 
     free = spin is None
@@ -191,7 +192,7 @@ def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
     m = fixed.map
     along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(fixed.z.size)[m.slow])
     row = max(np.linalg.eig(fixed.matrix.T)[1].real.T, key=lambda each: abs(each @ along))
-    return along, float(row @ (fixed.image.point - fixed.z) / (row @ along)) * m.unit
+    return along, float(row @ (fixed.passage.point - fixed.z) / (row @ along)) * m.unit
 
 
 @singular_lost()
@@ -208,6 +209,6 @@ def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
 
 def slow_motion_at(fixed: Fixed) -> SlowMotion:
     """Return the fixed point as a motion on the manifold, with a turn proportional to its spin, as in rolling."""
-    image, drift = fixed.image, slow_direction(fixed)[1]
+    image, drift = fixed.passage, slow_direction(fixed)[1]
     turn_drift = image.theta * drift / image.spin if image.spin else 0.0
     return SlowMotion(fixed.z, image, image.theta, drift, turn_drift, fixed.residual)

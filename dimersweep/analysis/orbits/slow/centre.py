@@ -14,7 +14,8 @@ import numpy as np
 from dimersweep.analysis.orbits.map.finding import RTOL, checked, checked_spin, orbit_at
 from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, require, singular_lost
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.map.poincare import TURN, ReturnMap
+from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
 from dimersweep.analysis.orbits.map.solution import NEWTON_STEPS
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_rtol

@@ -162,7 +162,7 @@ def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     """
     near = last[0].fixed
     m = near.map
-    z = near.z + slow_direction(near)[0] * (spin - near.image.spin) / m.unit
+    z = near.z + slow_direction(near)[0] * (spin - near.passage.spin) / m.unit
     same = {one.spin: one.fixed.z for one in last if one.fixed.map.phase == m.phase and one.fixed.z.size == near.z.size}
     if len(same) == THROUGH:  # the parabola by Lagrange's formula
         z = np.sum([prod((spin - s) / (at - s) for s in same if s != at) * there for at, there in same.items()], axis=0)
@@ -174,7 +174,7 @@ def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     orbit = on_family(m, slow_motion)
     return m.in_own_section(
         orbit,
-        slow_motion.image.passage,
+        slow_motion.passage,
         lambda own, z: on_family(own, slow_motion_near(fixed_at(own, z), z, spin)),
     )
 
@@ -208,4 +208,4 @@ def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
 
 def on_family(m: ReturnMap, slow_motion: SlowMotion) -> PeriodicOrbit:
     """Return the orbit of a motion on the slow manifold; its `fixed` has the point and derivatives of that motion."""
-    return orbit_of(fixed_at(m, slow_motion.z, slow_motion.image, slow_motion.residual), slow_motion)
+    return orbit_of(fixed_at(m, slow_motion.z, slow_motion.passage, slow_motion.residual), slow_motion)

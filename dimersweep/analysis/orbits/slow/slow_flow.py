@@ -14,7 +14,8 @@ import numpy as np
 from dimersweep.analysis.orbits.map.finding import MOST_TURNS, of_run, orbit_through
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, require
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.map.poincare import TURN, ReturnMap
+from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
 from dimersweep.analysis.orbits.slow.sheets import (
     NEUTRAL,
     Sheet,

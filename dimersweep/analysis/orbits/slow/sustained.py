@@ -11,7 +11,8 @@ import xarray as xr
 from dimersweep.analysis.orbits.map.finding import MOST_TURNS, RTOL, checked, orbit_at
 from dimersweep.analysis.orbits.map.lost import first_found, require
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, dataset
-from dimersweep.analysis.orbits.map.poincare import TURN, Recorder
+from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.poincare import Recorder
 from dimersweep.analysis.orbits.slow.families import BEGIN_AT, spin_range
 from dimersweep.analysis.orbits.slow.slow_flow import ABOVE, BELOW, SPIN_KINDS, SlowFlow
 from dimersweep.cubes.cube import column, finished, fixed_coordinates
