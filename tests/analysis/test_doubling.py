@@ -23,7 +23,7 @@ class KnownMap:
 
 
 def fixed_point(m, z):
-    return newton(lambda z: (m.passage(z).point - z, None), z, lambda z: m.jacobian(z)[0] - np.eye(z.size), 1e-11).y
+    return newton(lambda z: (m.passage(z).point - z, None), z, lambda z: m.jacobian(z)[0] - np.eye(z.size), 1e-11)[0]
 
 
 @pytest.mark.parametrize(("b", "c"), [(0.7, 0.3), (0.7, -0.9), (0.0, -0.2)])

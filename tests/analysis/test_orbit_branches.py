@@ -257,7 +257,7 @@ class Tripling(ComplexPair):
     """A kind of border that the package does not have: a complex pair of multipliers turns by a third; its size is unknown."""
 
     def test(self, point):
-        values = np.linalg.eigvals(point.fixed.matrix)
+        values = np.linalg.eigvals(point.matrix)
         pairs = values[values.imag > COMPLEX]
         return self.away(pairs)[np.argmax(np.abs(pairs))] if pairs.size else np.nan
 

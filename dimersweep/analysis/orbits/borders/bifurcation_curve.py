@@ -15,7 +15,6 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.analysis.orbits.borders.curve import REACH, Curve, Found
-from dimersweep.analysis.orbits.continuation.branch import Axis, Point
 from dimersweep.analysis.orbits.continuation.kinds import Bifurcation, change_of
 from dimersweep.analysis.orbits.continuation.specials import Special, on_its_border
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
@@ -24,7 +23,7 @@ from dimersweep.analysis.orbits.map.manifold import eigenvector
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.analysis.orbits.map.poincare import ReturnMap
-from dimersweep.analysis.orbits.map.solution import TOLERANCE, fixed_at, newton, target
+from dimersweep.analysis.orbits.map.solution import TOLERANCE, Axis, Solution, fixed_at, newton, target
 
 # largest residual of the equation of an eigenvector that counts as zero: the products with J are differences over a
 # step of rtol^(1/3), which for an rtol of 1e-12 are right to about 1e-8
@@ -127,8 +126,9 @@ class BorderEquations:
             require(far <= REACH, f"Newton's method for the {self.kind.name} goes too far")
             return self.value(there)
 
-        root = newton(residual, u, self.derivative, target(self.m, self.axis.spin is None), derivative)
-        return OnBorder(root.extra, root.y, self.normal, root.derivative, float(np.abs(root.value[: self.n]).max()))
+        free = self.axis.spin is None
+        u, m, left, latest = newton(residual, u, self.derivative, target(self.m, free), derivative)
+        return OnBorder(m, u, self.normal, latest, float(np.abs(left[: self.n]).max()))
 
 
 class Around(NamedTuple):
@@ -224,12 +224,12 @@ class BifurcationCurve(Curve):
         """
         ways = self._ways(orbit)
 
-        def at_end(way: Point) -> Found:
+        def at_end(way: Solution) -> Found:
             end = stability_end(way)
             require(end.kind is self.kind, "another kind ends the stability")
             return self.taken_up(end)
 
-        def on_way(way: Point) -> Found:
+        def on_way(way: Solution) -> Found:
             return self.taken_up(self._met(way))
 
         return first_found(partial(each, way) for each in (at_end, on_way)[not orbit.stable :] for way in ways)
@@ -256,13 +256,13 @@ class BifurcationCurve(Curve):
             return on_border(self.kind, self.axis, same_spin, np.append(z, at.y[-1]))
 
         plain = replace(at.map, spin=None)
-        image = plain.passage(at.z)
-        moved = plain.in_own_section(at, image, make)
+        passage = plain.passage(at.z)
+        moved = plain.in_own_section(at, passage, make)
         if moved is not at:
             at, plain = moved, replace(moved.map, spin=None)
-            image = plain.passage(at.z)
+            passage = plain.passage(at.z)
         matrix, _ = at.map.jacobian(at.z)
-        orbit = orbit_of(fixed_at(plain, at.z, image, at.residual))
+        orbit = orbit_of(fixed_at(plain, at.z, passage, at.residual))
         if not self.sustained:
             fast = np.linalg.eigvals(matrix).astype(complex)
             # the last one is 0: that of the spin, which is put back

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.continuation.branch import Axis, Point, point_of
+from dimersweep.analysis.orbits.continuation.branch import point_of
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, COMPLEX
 from dimersweep.analysis.orbits.continuation.specials import MOST_CHANGES, Special, specials
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps, zero
@@ -21,6 +21,7 @@ from dimersweep.analysis.orbits.map.lost import OrbitLost
 from dimersweep.analysis.orbits.map.orbit import DOUBLING, Column, PeriodicOrbit, dataset
 from dimersweep.analysis.orbits.map.passage import Sides, far_ends
 from dimersweep.analysis.orbits.map.poincare import Recorder, ReturnMap
+from dimersweep.analysis.orbits.map.solution import Axis, Solution, without_drift
 from dimersweep.errors import OrbitError
 from dimersweep.parameters import value_of
 from dimersweep.symbols import PARAMETERS
@@ -225,7 +226,7 @@ class Curve(ABC):
     def _from(self, orbit: PeriodicOrbit) -> Found:
         """Return the point of the border on the branch through an orbit."""
 
-    def _met(self, way: Point) -> Special:
+    def _met(self, way: Solution) -> Special:
         """Return the first special point of this kind along a branch."""
         for a, b, _ in steps(way, SEARCHING):
             for special in self._specials(a, b)[0]:
@@ -233,7 +234,7 @@ class Curve(ABC):
                     return special
         raise OrbitLost(f"none within {SEARCHING.tries} points of the branch")
 
-    def _specials(self, a: Point, b: Point) -> tuple[list[Special], Any]:
+    def _specials(self, a: Solution, b: Solution) -> tuple[list[Special], Any]:
         """Return the special points of a step of a branch, and the change of sequence at which it leaps, if it does."""
         return specials(a, b, sequences=False)
 
@@ -241,10 +242,10 @@ class Curve(ABC):
         """Return True if a special point of a branch is a point of this border."""
         return special.kind is self.kind
 
-    def _ways(self, orbit: PeriodicOrbit) -> list[Point]:
+    def _ways(self, orbit: PeriodicOrbit) -> list[Solution]:
         """Return the first point of the branch through an orbit, once for each sense in which to search."""
-        fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=self.recorder))
-        begin = point_of(self.axis, self.axis.taken_up(fixed), value_of(self.parameter, orbit.parameters))
+        fixed = orbit.fixed.on_map(replace(orbit.fixed.map, recorder=self.recorder))
+        begin = point_of(self.axis, without_drift(fixed, self.axis), value_of(self.parameter, orbit.parameters))
         return [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
 
     def _starts(
@@ -262,7 +263,7 @@ class Curve(ABC):
         for at in self._places(given):
             try:
                 orbit = orbit_at(given | at, self.spin, rtol=self.rtol)
-                self.axis.taken_up(orbit.fixed)
+                without_drift(orbit.fixed, self.axis)
             except OrbitError as reason:
                 reasons.append(str(reason))
                 continue

@@ -10,11 +10,12 @@ from typing import ClassVar
 import numpy as np
 
 from dimersweep.analysis.orbits.borders.curve import Curve, Found
-from dimersweep.analysis.orbits.continuation.branch import Equations, Point, with_derivatives
+from dimersweep.analysis.orbits.continuation.branch import Equations, with_derivatives
 from dimersweep.analysis.orbits.map.lost import first_found, require
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.passage import Passage
 from dimersweep.analysis.orbits.map.poincare import ReturnMap
+from dimersweep.analysis.orbits.map.solution import Solution
 
 
 class PitchforkCurve(Curve):
@@ -28,7 +29,7 @@ class PitchforkCurve(Curve):
         return self._found(first_found(partial(self._met, way) for way in ways).point)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
-        old: Point = near[0].begin
+        old: Solution = near[0].begin
         equations = self.system(replace(old.map, parameters=given | {self.parameter: old.value}), near[0])
 
         def found(u: np.ndarray) -> Found:
@@ -37,17 +38,17 @@ class PitchforkCurve(Curve):
         guesses = (self.extrapolated(near), old.y)
         return first_found((partial(found, u) for u in guesses), "no pitchfork is found from its neighbour")
 
-    def _check_smooth(self, at: Point) -> None:
+    def _check_smooth(self, at: Solution) -> None:
         uneven = "an end slips through the turn of its slip: beside the plane the drift is not smooth"
         require(self.kind.holds(at), uneven)
 
-    def _found(self, at: Point) -> Found:
+    def _found(self, at: Solution) -> Found:
         self._check_smooth(at)
-        return Found(orbit_of(at.fixed), at.value, at.settled(), loses=self.kind.is_all(at.multipliers))
+        return Found(orbit_of(at), at.value, at.settled(), loses=self.kind.is_all(at.multipliers))
 
     def system(self, m: ReturnMap, near: Found) -> Equations:
         at = near.begin
-        return Equations(at._replace(fixed=at.fixed._replace(map=m)), lambda _, m, image: self.kind.mark(m, image))
+        return Equations(at.on_map(m), lambda _, m, passage: self.kind.mark(m, passage))
 
     def made(self, u: np.ndarray, extra: tuple[ReturnMap, Passage], near: Found) -> Found:
         return self._found(with_derivatives(self.system(extra[0], near).point(u, extra)))

@@ -14,13 +14,12 @@ import xarray as xr
 
 from dimersweep.analysis.orbits.borders.curve import Curve, Found, Place
 from dimersweep.analysis.orbits.borders.curves import asked
-from dimersweep.analysis.orbits.continuation.branch import Axis
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, SAME_WAY, steps
 from dimersweep.analysis.orbits.map.finding import RTOL
 from dimersweep.analysis.orbits.map.lost import OrbitLost, require, singular_lost
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit
-from dimersweep.analysis.orbits.map.solution import newton, target
+from dimersweep.analysis.orbits.map.solution import Axis, newton, target
 from dimersweep.cubes.cube import finished
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, pair_of
@@ -74,9 +73,9 @@ class InPlane(Place):
             return np.vstack([self._derivative(there), normal])
 
         known = None if self.slope is None else np.vstack([self.slope, normal])
-        root = newton(value, y, derivative, target(self.near.begin.map, self.curve.sustained), known)
-        found = self.curve.made(root.y[:-1], root.extra, self.near)
-        return replace(self, found=found, y=root.y)._tangential(self.tangent)
+        y, extra, _, _ = newton(value, y, derivative, target(self.near.begin.map, self.curve.sustained), known)
+        found = self.curve.made(y[:-1], extra, self.near)
+        return replace(self, found=found, y=y)._tangential(self.tangent)
 
     def towards(self, other: "InPlane", part: float) -> "InPlane":
         """Return the point itself: points of a step are looked for on planes across the line between its ends."""

@@ -14,16 +14,9 @@ from typing import ClassVar, cast
 import numpy as np
 
 from dimersweep.analysis.orbits.borders.curve import REACH, Curve, Found
-from dimersweep.analysis.orbits.continuation.branch import Equations, Mark, Point, lent, with_derivatives
+from dimersweep.analysis.orbits.continuation.branch import Equations, grazes, least_gap, lent, with_derivatives
 from dimersweep.analysis.orbits.continuation.kinds import ANY_CHANGE, COMPLEX, FLIP, FOLD, change_of
-from dimersweep.analysis.orbits.continuation.specials import (
-    MOST_CHANGES,
-    Special,
-    graze,
-    last_with,
-    least_gap,
-    specials,
-)
+from dimersweep.analysis.orbits.continuation.specials import MOST_CHANGES, Special, graze, last_with, specials
 from dimersweep.analysis.orbits.continuation.stability_end import across, beyond_gap, is_stable, last_that
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, steps
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, first_found, require, singular_lost
@@ -31,7 +24,7 @@ from dimersweep.analysis.orbits.map.manifold import lag
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.passage import Passage, Sides, far_ends, rests, sides_of
 from dimersweep.analysis.orbits.map.poincare import ReturnMap
-from dimersweep.analysis.orbits.map.solution import defect, multipliers_of, system
+from dimersweep.analysis.orbits.map.solution import Mark, Solution, defect, multipliers_of, system
 
 # half widths of the bracket of a change of sequence, in the parameter over its scale: the greatest and the least one,
 # and the factor from one try to the next; rounding decides below the least one, for a bracket must hold the change
@@ -54,19 +47,19 @@ MOST_DERIVATIVES = 3  # new derivatives at a point: where Newton's method needs 
 TANGENT_SHARE = 1e-3  # part of the way to the next point, over which the derivative along it is taken
 
 
-def comes_to_rest(point: Point) -> bool:
+def comes_to_rest(point: Solution) -> bool:
     """Return True if an end stays on the plate for a part of the period."""
     return rests(point.sequence)
 
 
-def crept(at: Point, mark: Mark) -> float:
+def crept(at: Solution, mark: Mark) -> float:
     """Return the parameter at which a mark of the slowly drifting motion is zero, near a fixed point with a zero mark.
 
     The fixed point depends on the section, the drifting motion does not (see `manifold`).
     """
     along = cast(np.ndarray, at.mark_slope) @ at.tangent / at.tangent[-1]
-    of_motion = mark(at.map, at.map.passage(at.fixed.z + lag(at.fixed)))
-    return float(at.value - at.axis.scale * (of_motion - mark(at.map, at.fixed.passage)) / along)
+    of_motion = mark(at.map, at.map.passage(at.z + lag(at)))
+    return float(at.value - at.axis.scale * (of_motion - mark(at.map, at.passage)) / along)
 
 
 def _has_turned(orbit: PeriodicOrbit) -> bool:
@@ -121,12 +114,12 @@ class SequenceCurve(Curve):
     def _taken_up(self, special: Special) -> Found:
         """Return the point of the border at a special point of a branch."""
         at, sides = special.point, sides_of(*special.sequences, self.kind.begins)
-        smooth = special.jump < NO_JUMP and not at.grazes
+        smooth = special.jump < NO_JUMP and not grazes(at)
         if smooth and (mark := self.kind.mark(sides)):
 
             def at_zero() -> Found:
                 found = self._zero(at.map.parameters, at, sides, mark)
-                own, fast = multipliers_of(at.fixed)[0], found.orbit.multipliers
+                own, fast = multipliers_of(at)[0], found.orbit.multipliers
                 # without a kink of the map there, central derivatives are those of one map
                 same = own.size != fast.size or np.abs(np.abs(own) - np.abs(fast)).max() < BENT
                 require(same, "the map has a kink there")
@@ -139,7 +132,7 @@ class SequenceCurve(Curve):
     def _is_met(self, special: Special) -> bool:
         return special.kind.of_sequence and self.kind in (ANY_CHANGE, special.kind)
 
-    def _changes(self, begin: Point) -> Iterator[Special]:
+    def _changes(self, begin: Solution) -> Iterator[Special]:
         """Yield the changes of this kind along a branch, until it turns round, falls to pieces or does not go on."""
         point, sense = begin, float(np.sign(begin.tangent[-1]))
         for _ in range(MOST_CHANGES):
@@ -168,13 +161,13 @@ class SequenceCurve(Curve):
                 if self._is_met(special):
                     yield special
 
-    def _parts(self, a: Point, b: Point, halvings: int) -> Iterator[tuple[Point, Point]]:
+    def _parts(self, a: Solution, b: Solution, halvings: int) -> Iterator[tuple[Solution, Solution]]:
         """Divide a step of a branch into parts so short that no hop passes half a period twice within one part.
 
         Yield both ends of each part.
         """
         if self.kind.lines is not None and halvings:
-            first, last = (self.kind.lines(point.fixed.passage) for point in (a, b))
+            first, last = (self.kind.lines(point.passage) for point in (a, b))
             passes = (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any()
             if passes and (middle := attempt(Between(a, b).__getitem__, 0.5)):
                 yield from self._parts(a, middle, halvings - 1)
@@ -182,33 +175,33 @@ class SequenceCurve(Curve):
                 return
         yield a, b
 
-    def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
+    def _specials(self, a: Solution, b: Solution) -> tuple[list[Special], bool]:
         """Return the special points of a step with its leaps, and True if in the orbits beyond an end comes to rest."""
         found, leap = specials(a, b)
         if leap is None:
             return found, comes_to_rest(b)
-        further, goes_on = self._specials(cast(Point, leap.beyond), b) if rests(leap.sequences[1]) else ([], False)
+        further, goes_on = self._specials(cast(Solution, leap.beyond), b) if rests(leap.sequences[1]) else ([], False)
         return [*found, leap, *further], goes_on
 
-    def _to_pieces(self, ways: list[Point]) -> Found:
+    def _to_pieces(self, ways: list[Solution]) -> Found:
         """Return the last orbit in which an end still comes to rest.
 
         Beyond it the branch falls into pieces, one for each number of bounces.
         """
         last = first_found((partial(last_that, comes_to_rest, way) for way in ways), f"no {self.kind.name} is met")
-        return Found(orbit_of(last.fixed), last.value, last.settled())
+        return Found(orbit_of(last), last.value, last.settled())
 
-    def _found(self, at: Point, sides: Sides, sense: float) -> Found:
+    def _found(self, at: Solution, sides: Sides, sense: float) -> Found:
         """Return a point of the curve in a section that suits the next point.
 
         Beyond the change the parameter goes on in the `sense` (1 or -1). The sense is 0 where the map is smooth and
         only the sequence changes.
         """
-        if at.grazes:
+        if grazes(at):
             sense = -float(np.sign(cast(np.ndarray, at.mark_slope)[-1]))  # the end strikes where its gap falls
-        leaps = sense != 0.0 and (self.kind.zero is None or at.grazes)
+        leaps = sense != 0.0 and (self.kind.zero is None or grazes(at))
         loses = leaps and is_stable(at) and beyond_gap(is_stable, at, sense) is None
-        return Found(orbit_of(at.fixed), at.value, at.settled(), sides, loses)
+        return Found(orbit_of(at), at.value, at.settled(), sides, loses)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         """Find the point one step from neighbours, with the other changes of its motion, all in other points."""
@@ -235,7 +228,7 @@ class SequenceCurve(Curve):
         """Find one change a step from neighbours: a graze, a zero of a mark, or enclosed between two orbits."""
         last, sides = near[0].begin, near[0].sides
         assert sides is not None
-        if last.grazes:
+        if grazes(last):
             return self._graze(given, last, sides)
         if mark := self.kind.mark(sides):
             return self._zero(given, last, sides, mark)
@@ -243,13 +236,13 @@ class SequenceCurve(Curve):
         def between(y: np.ndarray, doubt: float) -> tuple[Found, float]:
             return self._between(given, last, sides, y, doubt), y[-1]
 
-        guesses = self._guesses([one for one in near if not one.begin.grazes])
+        guesses = self._guesses([one for one in near if not grazes(one.begin)])
         found, aim = first_found(partial(between, *guess) for guess in guesses)
         if len(near) > 1:
             self._smooth(found.begin, last, aim)
         return found
 
-    def _smooth(self, at: Point, last: Point, expected: float) -> None:
+    def _smooth(self, at: Solution, last: Solution, expected: float) -> None:
         """Require that a point is near its guess: beyond a corner of the curve lie points of another border."""
         near = abs(at.y[-1] - expected) <= CORNER + abs(expected - last.y[-1])
         require(near, f"the curve has a corner near {self.parameter} = {at.value:.6g}")
@@ -265,7 +258,7 @@ class SequenceCurve(Curve):
         yield y, abs(y[-1] - self.extrapolated(near[:-1])[-1])
         yield self.extrapolated(near[:2]), LESS * abs(near[0].value - near[1].value) / self.axis.scale
 
-    def _between(self, given: dict[str, float], near: Point, sides: Sides, y: np.ndarray, doubt: float) -> Found:
+    def _between(self, given: dict[str, float], near: Solution, sides: Sides, y: np.ndarray, doubt: float) -> Found:
         """Return the last orbit on this side of a change, enclosed between two orbits on both sides of the guess `y`.
 
         The last entry of the guess is the parameter over its scale, known to about `doubt`. No other change may lie
@@ -287,7 +280,7 @@ class SequenceCurve(Curve):
 
     # --- the zero of a mark ----------------------------------------------------------------------------------------
 
-    def _graze(self, given: dict[str, float], near: Point, sides: Sides) -> Found:
+    def _graze(self, given: dict[str, float], near: Solution, sides: Sides) -> Found:
         """Return the orbit at which an end just misses the plate; the search begins at an orbit whose gap is wider."""
         y, _ = self._ahead(given, near, least_gap)
         why = f"no end grazes where the sequence changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}"
@@ -300,7 +293,7 @@ class SequenceCurve(Curve):
 
         return first_found((partial(found, opened) for opened in OPENED), why)
 
-    def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
+    def _zero(self, given: dict[str, float], near: Solution, sides: Sides, mark: Mark) -> Found:
         """Return the orbit at which a mark is zero, if it is near and not beyond the change."""
         y, known = self._ahead(given, near, mark)
         equations = _equations(self._beside(given, near, y), mark)
@@ -310,13 +303,13 @@ class SequenceCurve(Curve):
         self._smooth(at, near, y[-1])
         return self._at_zero(at, sides, mark)
 
-    def _at_zero(self, at: Point, sides: Sides, mark: Mark) -> Found:
+    def _at_zero(self, at: Solution, sides: Sides, mark: Mark) -> Found:
         """Return the point of the curve at an orbit whose mark is zero, with derivatives taken anew."""
         at = with_derivatives(at, mark=mark)
         return self._found(at, sides, 0.0)._replace(value=crept(at, mark))
 
     @singular_lost()
-    def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
+    def _ahead(self, given: dict[str, float], near: Solution, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
         """Extrapolate the curve from a neighbour along its tangent: return the unknowns and the equations' derivative.
 
         The tangent follows from the image of the neighbour's point at parameters a little nearer to the new ones. Where
@@ -325,14 +318,14 @@ class SequenceCurve(Curve):
         y, old = near.y, near.map.parameters
         if near.mark_slope is None:
             near = with_derivatives(near, mark=mark)
-        known = np.vstack([near.matrix(), cast(np.ndarray, near.mark_slope)])
+        known = np.vstack([near.derivative(), cast(np.ndarray, near.mark_slope)])
 
         def ahead(part: float) -> np.ndarray:
             aside = {name: old[name] + part * (value - old[name]) for name, value in given.items() if name in old}
             m = replace(near.map, parameters=aside | {self.parameter: near.value})
-            image = m.passage(y[:-1])
-            moved = mark(m, image) - mark(near.map, near.fixed.passage)
-            fails = np.append(defect(m, y[:-1], image, self.axis.spin), moved)
+            passage = m.passage(y[:-1])
+            moved = mark(m, passage) - mark(near.map, near.passage)
+            fails = np.append(defect(m, y[:-1], passage, self.axis.spin), moved)
             require(np.abs(fails).max() < REACH, "another motion is there")
             return y - np.linalg.solve(known, fails / part)
 
@@ -343,11 +336,11 @@ class SequenceCurve(Curve):
     def _mark(self, near: Found) -> Mark:
         """Return the function of the orbit that is zero on the border near a point, where it has an equation."""
         mark = self.kind.mark(near.sides) if near.sides else None
-        require(mark and not near.begin.grazes, "the border has no equation there")
+        require(mark and not grazes(near.begin), "the border has no equation there")
         return cast(Mark, mark)
 
     def system(self, m: ReturnMap, near: Found) -> Equations:
-        return _equations(near.begin._replace(fixed=near.begin.fixed._replace(map=m)), self._mark(near))
+        return _equations(near.begin.on_map(m), self._mark(near))
 
     def made(self, u: np.ndarray, extra: tuple[ReturnMap, Passage], near: Found) -> Found:
         at = self.system(extra[0], near).point(u, extra)
@@ -355,23 +348,23 @@ class SequenceCurve(Curve):
 
     @singular_lost()
     def tests(self, found: Found) -> dict[str, float]:
-        fixed, name = found.begin.fixed, self.kind.name
+        fixed, name = found.begin, self.kind.name
         fold = float(np.linalg.det(system(fixed.map, fixed.matrix, fixed.gradient, self.sustained)))
         return {f"{name}-fold": fold, f"{name}-flip": FLIP.test(found.begin)}
 
     # --- from a neighbour ------------------------------------------------------------------------------------------
 
-    def _at(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
+    def _at(self, given: dict[str, float], near: Solution, y: np.ndarray) -> Solution:
         """Return the orbit at the parameter of `y`, in the section of the point `near`."""
         return lent(self._beside(given, near, y), y, np.eye(y.size)[-1], MOST_DERIVATIVES)
 
-    def _beside(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
+    def _beside(self, given: dict[str, float], near: Solution, y: np.ndarray) -> Solution:
         """Return the point of a neighbour with its map at other values of the parameters; it is no orbit there yet."""
         value = float(y[-1] * self.axis.scale)
         m = replace(near.map, parameters=given | {self.parameter: value})
-        return near._replace(fixed=near.fixed._replace(map=m), value=value)
+        return near.on_map(m)._replace(value=value)
 
 
-def _equations(near: Point, mark: Mark) -> Equations:
+def _equations(near: Solution, mark: Mark) -> Equations:
     """Return the equations of an orbit at which a mark is zero."""
-    return Equations(near, lambda _, m, image: mark(m, image))
+    return Equations(near, lambda _, m, passage: mark(m, passage))

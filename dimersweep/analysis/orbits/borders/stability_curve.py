@@ -47,7 +47,7 @@ class StabilityCurve(Curve):
             own = BifurcationCurve(special.kind, *given, sustained=self.sustained)
             if found := attempt(own.taken_up, special):
                 return found
-        return Found(on_its_border(special.kind, orbit_of(at.fixed), self.sustained), at.value, at)
+        return Found(on_its_border(special.kind, orbit_of(at), self.sustained), at.value, at)
 
     def columns(self, found: Collection[Found]) -> dict[str, Column]:
         ends = ([one.by for one in found], "kind of border by which the stability ends", kind_words())

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.continuation.branch import Axis, Point, point_of
+from dimersweep.analysis.orbits.continuation.branch import point_of
 from dimersweep.analysis.orbits.continuation.kinds import FLIP, Kind, kind_words
 from dimersweep.analysis.orbits.continuation.specials import Special, doubled, on_its_border, pitchfork_in, specials
 from dimersweep.analysis.orbits.continuation.stability_end import GAP, beyond_gap, furthest, kind_beyond
@@ -18,7 +18,7 @@ from dimersweep.analysis.orbits.map.lost import OrbitLost, first_found
 from dimersweep.analysis.orbits.map.manifold import slow_motion_of
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, dataset, orbit_of
 from dimersweep.analysis.orbits.map.poincare import Recorder, ReturnMap
-from dimersweep.analysis.orbits.map.solution import Fixed, solve
+from dimersweep.analysis.orbits.map.solution import Axis, Solution, solve, without_drift
 from dimersweep.cubes.cube import finished
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count
@@ -129,7 +129,7 @@ def traced(
         start / axis.scale: (start, "back: the branch has turned round to its start"),
     }
     rows, end, recorder = [BranchRow(orbit, start)], "", Recorder()
-    fixed = axis.taken_up(orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=recorder)))
+    fixed = without_drift(orbit.fixed.on_map(replace(orbit.fixed.map, recorder=recorder)), axis)
     try:
         point = _begin(axis, fixed, start).towards(to - start)
         rows, taken = [_row(point)], steps(point, FOLLOWING, tuple(edges))
@@ -143,7 +143,7 @@ def traced(
                 rows.append(_row(point))
                 taken = steps(point, FOLLOWING, tuple(edges))
                 continue
-            if free and a.fixed.passage.spin * b.fixed.passage.spin < 0:
+            if free and a.passage.spin * b.passage.spin < 0:
                 fork, end = pitchfork_in(a, b), MIRRORED
                 rows += [_row(fork.point, fork)] if fork else []
                 continue
@@ -183,7 +183,7 @@ def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool
     return Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), spin), value, to
 
 
-def _over_kink(point: Point, low: float, high: float) -> tuple[Point, str]:
+def _over_kink(point: Solution, low: float, high: float) -> tuple[Solution, str]:
     """Go on over a kink of the drift, by steps of the parameter between `low` and `high`.
 
     Return a point with a sustained spin beyond, and ""; or the last point, and the reason for the end of the branch.
@@ -194,24 +194,25 @@ def _over_kink(point: Point, low: float, high: float) -> tuple[Point, str]:
         return last, ""
     if min(abs(last.value - low), abs(last.value - high)) < LEAST_SCALE * GAP * last.axis.scale:
         return last, "to: the value asked for is nearly reached"
-    given = last._replace(axis=last.axis._replace(spin=last.fixed.passage.spin))
+    given_spin = last.axis._replace(spin=last.passage.spin)
+    given = last._replace(problem=last.problem._replace(axis=given_spin))
     drifts = beyond_gap(lambda _: True, given, sense) is not None
     return last, f"{kind_beyond(last).name}: {'the drift leaps over zero' if drifts else 'the family ends'}"
 
 
-def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:
+def _begin(axis: Axis, fixed: Solution, value: float) -> Solution:
     """Return the first point of the branch, in its own section or, if it has no derivatives there, in another one."""
 
-    def begun(m: ReturnMap, z: np.ndarray) -> Point:
+    def begun(m: ReturnMap, z: np.ndarray) -> Solution:
         return point_of(axis, solve(m, z, axis.spin_at(value)), value)
 
     others = fixed.map.sections(fixed.passage)
     return first_found(chain([partial(point_of, axis, fixed, value)], (partial(begun, *place) for place in others)))
 
 
-def _row(point: Point, special: Special | None = None) -> BranchRow:
+def _row(point: Solution, special: Special | None = None) -> BranchRow:
     """Return the row of a point of the branch, with its kind and jump if it is a special point."""
-    orbit = orbit_of(point.fixed, slow_motion_of(point.fixed))
+    orbit = orbit_of(point, slow_motion_of(point))
     if special is None:
         return BranchRow(orbit, point.value)
     orbit = on_its_border(special.kind, orbit, point.axis.spin is None)

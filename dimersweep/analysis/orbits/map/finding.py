@@ -15,7 +15,7 @@ from dimersweep.analysis.orbits.map.manifold import slow_motion_of
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
 from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.analysis.orbits.map.poincare import JOINED, Recorder, ReturnMap
-from dimersweep.analysis.orbits.map.solution import Fixed, multipliers_of, slow_direction, solve, system
+from dimersweep.analysis.orbits.map.solution import Solution, multipliers_of, slow_direction, solve, system
 from dimersweep.errors import OrbitError, ParameterError, one_line
 from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.kernel.model.layout import DIP, FREE, N_STATE, PERIOD, PHASE, ROW, ROW_PHI0, STICK, WB, State
@@ -94,14 +94,14 @@ def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap
     return m.moved(passage)
 
 
-def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> Iterator[Start]:
+def settled_near(at: Solution, m: ReturnMap, spin: float, most: float = JOINED) -> Iterator[Start]:
     """Run from a stable orbit at other parameters or another spin; yield the settled motion in each of its sections.
 
     The fast part settles while the spin is put back once a period, whatever contacts occur meanwhile.
 
     Parameters
     ----------
-    at : Fixed
+    at : Solution
         Orbit from which the run begins.
     m : ReturnMap
         Map of the other parameters in the section of the orbit.
@@ -298,7 +298,7 @@ def orbit_through(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
 
 def _starts(
     m: ReturnMap, spin: float | None, guess: Run | PeriodicOrbit | None
-) -> Iterator[tuple[str, Callable[[], Fixed]]]:
+) -> Iterator[tuple[str, Callable[[], Solution]]]:
     """Yield the name and the call of each way to an orbit of the map, in any section, in the order of trial."""
     if isinstance(guess, Run):
         yield "the end of the run", partial(_from_run, guess, m, spin)
@@ -311,7 +311,7 @@ def _starts(
             yield name, partial(_from_ball, m, spin, transient)
 
 
-def _found(fixed: Fixed) -> PeriodicOrbit:
+def _found(fixed: Solution) -> PeriodicOrbit:
     """Return the orbit of a fixed point that does not repeat after fewer periods."""
     fixed = centred(fixed)
     shorter = repeats_after(fixed)
@@ -319,18 +319,17 @@ def _found(fixed: Fixed) -> PeriodicOrbit:
     require(shorter == fixed.map.periods, again)
     slow_motion = slow_motion_of(fixed)
     # the multipliers that a run shows are those at its own points: on the slow manifold, not at the fixed point
-    matrix, gradient = fixed.map.jacobian(slow_motion.z)
-    seen = fixed._replace(matrix=matrix, gradient=gradient)
+    seen = fixed._replace(rows=fixed.map.differences(slow_motion.z))
     return replace(orbit_of(seen, slow_motion), fixed=fixed)
 
 
-def centred(fixed: Fixed) -> Fixed:
+def centred(fixed: Solution) -> Solution:
     """Return the fixed point in a section that suits it better, if there is one and it is found there, else itself."""
-    image = fixed.passage
-    return fixed.map.in_own_section(fixed, image, lambda m, z: solve(m, z, image.spin))
+    passage = fixed.passage
+    return fixed.map.in_own_section(fixed, passage, lambda m, z: solve(m, z, passage.spin))
 
 
-def repeats_after(fixed: Fixed) -> int:
+def repeats_after(fixed: Solution) -> int:
     """Return the least number of forcing periods after which a motion comes back to its point of the section."""
     m = fixed.map
     for k in range(1, m.periods):
@@ -344,27 +343,27 @@ def repeats_after(fixed: Fixed) -> int:
     return m.periods
 
 
-def _from_ball(m: ReturnMap, spin: float, transient: int) -> Fixed:
+def _from_ball(m: ReturnMap, spin: float, transient: int) -> Solution:
     """Find the fixed point at a spin from the ball's orbit, after a transient of `transient` times the map."""
     state = ball_state(m, spin)
     return solve(*settled_on(m, state, transient * m.periods), spin)
 
 
-def _from_run(run: Run, m: ReturnMap, spin: float | None) -> Fixed:
+def _from_run(run: Run, m: ReturnMap, spin: float | None) -> Solution:
     """Find the fixed point from the end of a run, at a spin or, by default, at the spin of the run."""
     m, z = of_run(run, m)
     return solve(m, z, m.passage(z).spin if spin is None else spin)
 
 
-def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
+def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Solution:
     """Find the fixed point from another orbit, at a spin and the parameters of `m`.
 
     Newton's method begins at the point of the orbit. If it fails, the parameters and the spin go there in steps.
     """
     old, given = orbit.fixed.map, m.parameters
-    begin = orbit.fixed._replace(map=replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
+    begin = orbit.fixed.on_map(replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
 
-    def step(fixed: Fixed, there: float) -> Fixed:
+    def step(fixed: Solution, there: float) -> Solution:
         values = given
         if there < 1.0:
             first, last = (
@@ -378,7 +377,7 @@ def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
     return in_steps(step, begin, SMALLEST_SHARE)
 
 
-def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -> Fixed:
+def _beside(fixed: Solution, m: ReturnMap, spin: float, known: np.ndarray | None) -> Solution:
     """Find the fixed point at other parameters or another spin from one nearby.
 
     Newton's method begins at the point nearby or, over a change of sequence, at the motion that a run settles on.

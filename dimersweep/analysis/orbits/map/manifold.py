@@ -14,8 +14,8 @@ from dimersweep.analysis.orbits.map.lost import attempt, singular_lost
 from dimersweep.analysis.orbits.map.passage import Passage
 from dimersweep.analysis.orbits.map.solution import (
     TOLERANCE,
-    Fixed,
     SlowMotion,
+    Solution,
     multipliers_of,
     newton,
     slow_direction,
@@ -38,7 +38,7 @@ def eigenvector(matrix: np.ndarray, value: float) -> np.ndarray:
 
 
 @singular_lost()
-def lag(fixed: Fixed) -> np.ndarray:
+def lag(fixed: Solution) -> np.ndarray:
     """Return the vector from the fixed point to the slow manifold at the same spin, shape (n,).
 
     The vector, in units of the section, is of first order in the drift of the spin. It is zero without a fast part,
@@ -55,13 +55,13 @@ def lag(fixed: Fixed) -> np.ndarray:
     return away if np.abs(away).max() <= NEAR else np.zeros(fixed.z.size)
 
 
-def has_fast_part(fixed: Fixed) -> bool:
+def has_fast_part(fixed: Solution) -> bool:
     """Return True if there are multipliers beside the slow one, and all of them are away from 1."""
     fast, _ = multipliers_of(fixed)
     return bool(fast.size > 0 and np.abs(fast - 1).min() >= APART)
 
 
-def growth_in_plane(fixed: Fixed) -> tuple[float, bool]:
+def growth_in_plane(fixed: Solution) -> tuple[float, bool]:
     """Return the growth of a small spin in a period beside a motion in a plane, and True if the drift is smooth there.
 
     The growth is the drift over the spin s, in the limit of no spin. The drift is odd in s. If it is smooth, the growth
@@ -79,7 +79,7 @@ def growth_in_plane(fixed: Fixed) -> tuple[float, bool]:
     return (4 * first - second) / 3, bool(abs(third - second - 4 * (second - first)) < TOLERANCE * m.rtol)
 
 
-def slow_motion_of(fixed: Fixed) -> SlowMotion:
+def slow_motion_of(fixed: Solution) -> SlowMotion:
     """Return the motion on the manifold at the spin of a fixed point.
 
     The fixed point itself is returned without a fast part, or where no motion on the manifold is found within `NEAR`.
@@ -91,7 +91,7 @@ def slow_motion_of(fixed: Fixed) -> SlowMotion:
     return slow_motion if slow_motion and np.abs(slow_motion.z - fixed.z).max() <= NEAR else still
 
 
-def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
+def slow_motion_near(fixed: Solution, z: np.ndarray, spin: float) -> SlowMotion:
     """Find the motion on the manifold with a spin after the last impact [rad/s] that passes near a point `z`.
 
     The map and the derivatives are those of a fixed point nearby.
@@ -100,7 +100,7 @@ def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
 
     def value(begin: np.ndarray) -> tuple[np.ndarray, list[Passage]]:
         images = m.chain(begin, 3)
-        a, b, c = (image.point for image in images)
+        a, b, c = (passage.point for passage in images)
         r = c - 3 * b + 3 * a - begin
         r[m.slow] = (images[1].spin - spin) / m.unit
         return r, images
@@ -112,11 +112,6 @@ def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
 
     begin = 2 * z - m.passage(z).point  # one period before `z`, at an even pace: `z` is the second of the points
     target, known = WEIGHTS * TOLERANCE * m.rtol, derivative(fixed.matrix, fixed.gradient)
-    root = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, known)
-    before, here, after = root.extra
-    turn, next_turn = (
-        one.theta - one.read.turned + two.read.turned for one, two in ((before, here), (here, after))
-    )
-    return SlowMotion(
-        before.point, here, turn, after.spin - here.spin, next_turn - turn, float(np.abs(root.value).max())
-    )
+    _, (before, here, after), left, _ = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, known)
+    turn, next_turn = (one.theta - one.read.turned + two.read.turned for one, two in ((before, here), (here, after)))
+    return SlowMotion(before.point, here, turn, after.spin - here.spin, next_turn - turn, float(np.abs(left).max()))

@@ -11,7 +11,7 @@ import xarray as xr
 
 from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.analysis.orbits.map.poincare import ReturnMap
-from dimersweep.analysis.orbits.map.solution import Fixed, SlowMotion, multipliers_of, slow_motion_at
+from dimersweep.analysis.orbits.map.solution import SlowMotion, Solution, multipliers_of, slow_motion_at
 from dimersweep.cubes.cube import column, fixed_coordinates
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import CODE_WORDS, DI_ENDS, State
@@ -166,7 +166,7 @@ class PeriodicOrbit:
     sequence: str
     cost: float
     rtol: float
-    fixed: Fixed = field(repr=False)
+    fixed: Solution = field(repr=False)
     slow_motion: SlowMotion = field(repr=False)
     others: "tuple[PeriodicOrbit, ...]" = ()
 
@@ -247,7 +247,7 @@ def circle_of(radius: float) -> str:
     return "in a plane" if np.isnan(radius) else f"radius {radius:.6g} m"
 
 
-def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrbit:
+def orbit_of(fixed: Solution, slow_motion: SlowMotion | None = None) -> PeriodicOrbit:
     """Return the orbit with the multipliers of a fixed point and the numbers of the slow motion beside it.
 
     Without a slow motion, the numbers are those of the fixed point, too.
@@ -255,16 +255,16 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
     m = fixed.map
     if slow_motion is None:
         slow_motion = slow_motion_at(fixed)
-    parameters, image = m.parameters, slow_motion.passage
-    read = image.read
+    parameters, passage = m.parameters, slow_motion.passage
+    read = passage.read
     turn = slow_motion.turn / m.periods
-    in_plane = abs(turn) <= CIRCLE or abs(image.spin) <= PLANE * m.unit
+    in_plane = abs(turn) <= CIRCLE or abs(passage.spin) <= PLANE * m.unit
     rate = 0.0 if in_plane else turn * parameters["f"]
     fast, slow = multipliers_of(fixed)
     return PeriodicOrbit(
         parameters=dict(parameters),
         periods=m.periods,
-        spin=image.spin,
+        spin=passage.spin,
         radius=read.speed / abs(rate) if rate else float("nan"),
         period=TURN / abs(rate) if rate else float("nan"),
         precession_rate=rate,
@@ -278,7 +278,7 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),
         residual=fixed.residual,
-        sequence=image.sequence,
+        sequence=passage.sequence,
         cost=m.recorder.periods,
         rtol=m.rtol,
         fixed=fixed,

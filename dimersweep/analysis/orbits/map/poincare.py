@@ -255,7 +255,7 @@ class ReturnMap:
             seen = self.images(points)
         else:
             along = [self.passage(point) for point in points]
-            seen = np.array([[*image.point, image.spin / self.unit, mark(self, image)] for image in along])
+            seen = np.array([[*passage.point, passage.spin / self.unit, mark(self, passage)] for passage in along])
         return (seen[: z.size] - seen[z.size :]).T / (np.diag(steps) * (2 if senses is None else 1))
 
     def in_own_section(

@@ -380,7 +380,7 @@ def _error(orbit: PeriodicOrbit, rate: float) -> float:
     """
     fixed = orbit.fixed
     m = replace(fixed.map, rtol=10 * fixed.map.rtol)
-    other = attempt(slow_motion_near, fixed._replace(map=m), fixed.z, orbit.spin)
+    other = attempt(slow_motion_near, fixed.on_map(m), fixed.z, orbit.spin)
     if other is None:
         return float("nan")
     left = max(other.residual, orbit.slow_motion.residual) * m.unit
