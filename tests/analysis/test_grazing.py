@@ -5,7 +5,7 @@ import pytest
 
 from dimersweep import names, orbits
 from dimersweep.analysis.orbits.continuation.branch import least_gap
-from dimersweep.analysis.orbits.continuation.specials import NO_GAP
+from dimersweep.analysis.orbits.continuation.events import NO_GAP
 from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.errors import OrbitError
 

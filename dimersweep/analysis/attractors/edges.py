@@ -223,6 +223,6 @@ def _is_partner(orbit: PeriodicOrbit) -> bool:
         return False
     with suppress(OrbitError):
         entries = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], sequences=False).entries
-        beyond = list(dropwhile(lambda entry: entry.kind is not FOLD, entries))[1:]
-        return any(entry.orbit.stable for entry in beyond)
+        beyond = list(dropwhile(lambda entry: entry[1].kind is not FOLD, entries))[1:]
+        return any(orbit.stable for orbit, _ in beyond)
     return False

@@ -57,14 +57,14 @@ def border_between(orbit: PeriodicOrbit, name: str, to: float) -> tuple[float, s
     branch loses its stability.
     """
     trace = traced(orbit, name, to)
-    for entry in trace.entries:
-        if entry.kind is not None and not entry.kind.of_sequence:
-            return entry.value, entry.kind.name
-        shorter = features_of_orbit(entry.orbit, Mirrors(plane=False, ends=False)).least_period()
+    for there, event in trace.entries:
+        if event.kind is not None and not event.kind.of_sequence:
+            return event.solution.value, event.kind.name
+        shorter = features_of_orbit(there, Mirrors(plane=False, ends=False)).least_period()
         if shorter < orbit.periods:
-            return border_between(find(guess=entry.orbit, periods=shorter), name, value_of(name, orbit.parameters))
+            return border_between(find(guess=there, periods=shorter), name, value_of(name, orbit.parameters))
     why = trace.end.partition(":")[0]
-    return (trace.entries[-1].value, why) if why in ("word", "lost") else (float("nan"), "none")
+    return (trace.entries[-1][1].solution.value, why) if why in ("word", "lost") else (float("nan"), "none")
 
 
 def attractors(

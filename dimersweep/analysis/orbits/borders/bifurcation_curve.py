@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.analysis.orbits.borders.curve import REACH, Curve, Found
+from dimersweep.analysis.orbits.continuation.events import Event, on_its_border
 from dimersweep.analysis.orbits.continuation.kinds import Bifurcation, change_of
-from dimersweep.analysis.orbits.continuation.specials import Special, on_its_border
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
 from dimersweep.analysis.orbits.map.lost import attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import eigenvector
@@ -234,7 +234,7 @@ class BifurcationCurve(Curve):
 
         return first_found(partial(each, way) for each in (at_end, on_way)[not orbit.stable :] for way in ways)
 
-    def taken_up(self, special: Special) -> Found:
+    def taken_up(self, event: Event) -> Found:
         """Return the point of the border at a special point of a branch.
 
         At a fold the bouncer strikes at about the phase at which the spin is put back. If both coincide, the next phase
@@ -242,8 +242,8 @@ class BifurcationCurve(Curve):
         """
 
         def with_back(back: float) -> Found:
-            m = replace(special.point.map, spin=self.axis.spin, back=back)
-            return self.at(on_border(self.kind, self.axis, m, special.point.y))
+            m = replace(event.solution.map, spin=self.axis.spin, back=back)
+            return self.at(on_border(self.kind, self.axis, m, event.solution.y))
 
         return first_found(partial(with_back, back) for back in BACK)
 

@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.analysis.orbits.continuation.branch import point_of
+from dimersweep.analysis.orbits.continuation.events import MOST_CHANGES, Event, events_in
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, COMPLEX
-from dimersweep.analysis.orbits.continuation.specials import MOST_CHANGES, Special, specials
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps, zero
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.finding import orbit_at
@@ -226,21 +226,21 @@ class Curve(ABC):
     def _from(self, orbit: PeriodicOrbit) -> Found:
         """Return the point of the border on the branch through an orbit."""
 
-    def _met(self, way: Solution) -> Special:
+    def _met(self, way: Solution) -> Event:
         """Return the first special point of this kind along a branch."""
         for a, b, _ in steps(way, SEARCHING):
-            for special in self._specials(a, b)[0]:
-                if self._is_met(special):
-                    return special
+            for event in self._events(a, b)[0]:
+                if self._is_met(event):
+                    return event
         raise OrbitLost(f"none within {SEARCHING.tries} points of the branch")
 
-    def _specials(self, a: Solution, b: Solution) -> tuple[list[Special], Any]:
+    def _events(self, a: Solution, b: Solution) -> tuple[list[Event], Any]:
         """Return the special points of a step of a branch, and the change of sequence at which it leaps, if it does."""
-        return specials(a, b, sequences=False)
+        return events_in(a, b, sequences=False)
 
-    def _is_met(self, special: Special) -> bool:
+    def _is_met(self, event: Event) -> bool:
         """Return True if a special point of a branch is a point of this border."""
-        return special.kind is self.kind
+        return event.kind is self.kind
 
     def _ways(self, orbit: PeriodicOrbit) -> list[Solution]:
         """Return the first point of the branch through an orbit, once for each sense in which to search."""

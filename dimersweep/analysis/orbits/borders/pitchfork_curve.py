@@ -26,7 +26,7 @@ class PitchforkCurve(Curve):
     def _from(self, orbit: PeriodicOrbit) -> Found:
         ways = self._ways(orbit)
         self._check_smooth(ways[0])
-        return self._found(first_found(partial(self._met, way) for way in ways).point)
+        return self._found(first_found(partial(self._met, way) for way in ways).solution)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: Solution = near[0].begin

@@ -15,8 +15,8 @@ import numpy as np
 
 from dimersweep.analysis.orbits.borders.curve import REACH, Curve, Found
 from dimersweep.analysis.orbits.continuation.branch import Equations, grazes, least_gap, lent, with_derivatives
+from dimersweep.analysis.orbits.continuation.events import MOST_CHANGES, Event, events_in, graze, last_with
 from dimersweep.analysis.orbits.continuation.kinds import ANY_CHANGE, COMPLEX, FLIP, FOLD, change_of
-from dimersweep.analysis.orbits.continuation.specials import MOST_CHANGES, Special, graze, last_with, specials
 from dimersweep.analysis.orbits.continuation.stability_end import across, beyond_gap, is_stable, last_that
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, steps
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, first_found, require, singular_lost
@@ -101,7 +101,7 @@ class SequenceCurve(Curve):
         ways = self._ways(orbit)
         if not comes_to_rest(ways[0]):
             return self._taken_up(first_found(partial(self._met, way) for way in ways))
-        changes = [special for way in ways for special in self._changes(way)]
+        changes = [event for way in ways for event in self._changes(way)]
         if not changes and orbit.stable and far_ends(orbit.sequence) == 1:
             return self._to_pieces(ways)
         require(changes, f"no {self.kind.name} is met")
@@ -111,10 +111,10 @@ class SequenceCurve(Curve):
                 kept.append(found)
         return kept[0]._replace(others=tuple(kept[1:]))
 
-    def _taken_up(self, special: Special) -> Found:
+    def _taken_up(self, event: Event) -> Found:
         """Return the point of the border at a special point of a branch."""
-        at, sides = special.point, sides_of(*special.sequences, self.kind.begins)
-        smooth = special.jump < NO_JUMP and not grazes(at)
+        at, sides = event.solution, sides_of(*event.sequences, self.kind.begins)
+        smooth = event.jump < NO_JUMP and not grazes(at)
         if smooth and (mark := self.kind.mark(sides)):
 
             def at_zero() -> Found:
@@ -129,10 +129,10 @@ class SequenceCurve(Curve):
                 return found
         return self._found(at, sides, float(np.sign(at.tangent[-1])))
 
-    def _is_met(self, special: Special) -> bool:
-        return special.kind.of_sequence and self.kind in (ANY_CHANGE, special.kind)
+    def _is_met(self, event: Event) -> bool:
+        return event.kind.of_sequence and self.kind in (ANY_CHANGE, event.kind)
 
-    def _changes(self, begin: Solution) -> Iterator[Special]:
+    def _changes(self, begin: Solution) -> Iterator[Event]:
         """Yield the changes of this kind along a branch, until it turns round, falls to pieces or does not go on."""
         point, sense = begin, float(np.sign(begin.tangent[-1]))
         for _ in range(MOST_CHANGES):
@@ -140,12 +140,12 @@ class SequenceCurve(Curve):
             try:
                 for first, end, _ in steps(point, SEARCHING):
                     for a, b in self._parts(first, end, PARTS):
-                        found, goes_on = self._specials(a, b)
-                        for special in found:
-                            if special.kind is FOLD or not comes_to_rest(special.point):
+                        found, goes_on = self._events(a, b)
+                        for event in found:
+                            if event.kind is FOLD or not comes_to_rest(event.solution):
                                 return
-                            if self._is_met(special):
-                                yield special
+                            if self._is_met(event):
+                                yield event
                         if not goes_on or b.tangent[-1] * sense < 0:
                             return
                         last = b
@@ -157,9 +157,9 @@ class SequenceCurve(Curve):
                 last, point = beyond
             sequences = last.sequence, point.sequence
             if sequences[0] != sequences[1]:
-                special = Special(change_of(*sequences), last, 1.0, np.nan, sequences)
-                if self._is_met(special):
-                    yield special
+                event = Event(change_of(*sequences), last, 1.0, np.nan, sequences)
+                if self._is_met(event):
+                    yield event
 
     def _parts(self, a: Solution, b: Solution, halvings: int) -> Iterator[tuple[Solution, Solution]]:
         """Divide a step of a branch into parts so short that no hop passes half a period twice within one part.
@@ -175,12 +175,12 @@ class SequenceCurve(Curve):
                 return
         yield a, b
 
-    def _specials(self, a: Solution, b: Solution) -> tuple[list[Special], bool]:
+    def _events(self, a: Solution, b: Solution) -> tuple[list[Event], bool]:
         """Return the special points of a step with its leaps, and True if in the orbits beyond an end comes to rest."""
-        found, leap = specials(a, b)
+        found, leap = events_in(a, b)
         if leap is None:
             return found, comes_to_rest(b)
-        further, goes_on = self._specials(cast(Solution, leap.beyond), b) if rests(leap.sequences[1]) else ([], False)
+        further, goes_on = self._events(cast(Solution, leap.beyond), b) if rests(leap.sequences[1]) else ([], False)
         return [*found, leap, *further], goes_on
 
     def _to_pieces(self, ways: list[Solution]) -> Found:
@@ -271,9 +271,9 @@ class SequenceCurve(Curve):
             if sides.between(*sequences):
                 this, other = ends if sides.here(sequences[0]) else ends[::-1]
                 change = last_with(sides.here, 0.0, this, other)
-                nearer = f"another change is nearer at {self.parameter} = {change.point.value:.6g}"
+                nearer = f"another change is nearer at {self.parameter} = {change.solution.value:.6g}"
                 require(sides.beyond(change.sequences[1]), nearer)
-                return self._found(change.point, sides, float(np.sign(other.value - this.value)))
+                return self._found(change.solution, sides, float(np.sign(other.value - this.value)))
             width *= WIDER
         at = y[-1] * self.axis.scale
         raise OrbitLost(f"no change of sequence within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")

@@ -9,8 +9,8 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.analysis.orbits.continuation.branch import point_of
-from dimersweep.analysis.orbits.continuation.kinds import FLIP, Kind, kind_words
-from dimersweep.analysis.orbits.continuation.specials import Special, doubled, on_its_border, pitchfork_in, specials
+from dimersweep.analysis.orbits.continuation.events import Event, doubled, events_in, on_its_border, pitchfork_in
+from dimersweep.analysis.orbits.continuation.kinds import FLIP, kind_words
 from dimersweep.analysis.orbits.continuation.stability_end import GAP, beyond_gap, furthest, kind_beyond
 from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, LOCATED, steps
 from dimersweep.analysis.orbits.map.finding import units_along
@@ -28,15 +28,6 @@ from dimersweep.symbols import PARAMETERS
 BEYOND_SEQUENCE = "word: the orbit does not go on beyond its sequence; the next one found has the sequence"
 MIRRORED = "plane: the spin is zero; beyond lies the mirror image of the branch"
 LEAST_SCALE = 1e-3  # least scale of a parameter, for a branch whose values are all near zero
-
-
-class BranchRow(NamedTuple):
-    """A row of the dataset of a branch."""
-
-    orbit: PeriodicOrbit
-    value: float  # value of the parameter
-    kind: Kind | None = None  # kind of border that the branch crosses there, if any
-    jump: float = 0.0  # jump of the orbit over a change of sequence, in units of the section
 
 
 def follow(
@@ -89,17 +80,17 @@ def follow(
     True
     """
     rows, end, cost = traced(orbit, parameter, to, check_count("points", points), switch, sequences, sustained)
-    kinds, allowed = [row.kind for row in rows], kind_words()
+    kinds, allowed = [event.kind for _, event in rows], kind_words()
     special = [("word" if kind.of_sequence else kind.name) if kind else "none" for kind in kinds]
     change = [kind.name if kind and kind.of_sequence else "none" for kind in kinds]
     columns: dict[str, Column] = {
         "special": (special, "kind of special point", allowed),
         "change": (change, "what changes in the sequence", allowed),
-        "jump": ([row.jump for row in rows], "jump of the orbit, in units of the section"),
+        "jump": ([event.jump for _, event in rows], "jump of the orbit, in units of the section"),
     }
     if parameter != "spin":
-        columns[parameter] = ([row.value for row in rows], PARAMETERS[parameter])
-    table = dataset([row.orbit for row in rows], "point", columns)
+        columns[parameter] = ([event.solution.value for _, event in rows], PARAMETERS[parameter])
+    table = dataset([orbit for orbit, _ in rows], "point", columns)
     table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
     return finished(table.set_coords(parameter), f"Branch of periodic orbits in {parameter}")
 
@@ -107,7 +98,7 @@ def follow(
 class Trace(NamedTuple):
     """The rows of a branch, the reason for its end in words, and the forcing periods of the map that it took."""
 
-    entries: list[BranchRow]
+    entries: list[tuple[PeriodicOrbit, Event]]
     end: str
     cost: float
 
@@ -128,39 +119,39 @@ def traced(
         to / axis.scale: (to, "to: the value asked for is reached"),
         start / axis.scale: (start, "back: the branch has turned round to its start"),
     }
-    rows, end, recorder = [BranchRow(orbit, start)], "", Recorder()
+    rows, end, recorder = [(orbit, Event(None, orbit.fixed._replace(value=start)))], "", Recorder()
     fixed = without_drift(orbit.fixed.on_map(replace(orbit.fixed.map, recorder=recorder)), axis)
     try:
         point = _begin(axis, fixed, start).towards(to - start)
-        rows, taken = [_row(point)], steps(point, FOLLOWING, tuple(edges))
-        while not end and sum(row.kind is None for row in rows) < points:
+        rows, taken = [_row(Event(None, point))], steps(point, FOLLOWING, tuple(edges))
+        while not end and sum(event.kind is None for _, event in rows) < points:
             try:
                 a, b, edge = next(taken)
             except OrbitLost:
                 if not free:
                     raise
                 point, end = _over_kink(point, *sorted((start, to)))
-                rows.append(_row(point))
+                rows.append(_row(Event(None, point)))
                 taken = steps(point, FOLLOWING, tuple(edges))
                 continue
             if free and a.passage.spin * b.passage.spin < 0:
                 fork, end = pitchfork_in(a, b), MIRRORED
-                rows += [_row(fork.point, fork)] if fork else []
+                rows += [_row(fork)] if fork else []
                 continue
-            found, leap = specials(a, b, sequences)
-            flip = next((k for k, special in enumerate(found) if switch and special.kind is FLIP), None)
-            rows += [_row(special.point, special) for special in found[: None if flip is None else flip + 1]]
+            found, leap = events_in(a, b, sequences)
+            flip = next((k for k, event in enumerate(found) if switch and event.kind is FLIP), None)
+            rows += [_row(event) for event in found[: None if flip is None else flip + 1]]
             if leap is not None:
-                point, end = leap.point, f"{BEYOND_SEQUENCE} {leap.sequences[1]}"
+                point, end = leap.solution, f"{BEYOND_SEQUENCE} {leap.sequences[1]}"
             elif flip is not None:
-                point, switch = doubled(found[flip].point), False
+                point, switch = doubled(found[flip].solution), False
                 taken = steps(point, FOLLOWING, tuple(edges))
             elif edge is not None:
                 value, end = edges[edge]
                 point = b._replace(value=value)
             else:
                 point = b
-            rows.append(_row(point))
+            rows.append(_row(Event(None, point)))
     except OrbitLost as reason:
         end = f"lost: {reason}"
     return Trace(rows, end or f"points: {points} points were asked for", recorder.periods)
@@ -210,10 +201,8 @@ def _begin(axis: Axis, fixed: Solution, value: float) -> Solution:
     return first_found(chain([partial(point_of, axis, fixed, value)], (partial(begun, *place) for place in others)))
 
 
-def _row(point: Solution, special: Special | None = None) -> BranchRow:
-    """Return the row of a point of the branch, with its kind and jump if it is a special point."""
-    orbit = orbit_of(point, slow_motion_of(point))
-    if special is None:
-        return BranchRow(orbit, point.value)
-    orbit = on_its_border(special.kind, orbit, point.axis.spin is None)
-    return BranchRow(orbit, point.value, special.kind, special.jump)
+def _row(event: Event) -> tuple[PeriodicOrbit, Event]:
+    """Return the row of a point of the branch: its orbit, and what happens there."""
+    at = event.solution
+    orbit = orbit_of(at, slow_motion_of(at))
+    return on_its_border(event.kind, orbit, at.axis.spin is None) if event.kind else orbit, event

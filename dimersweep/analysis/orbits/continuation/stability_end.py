@@ -12,15 +12,15 @@ from typing import cast
 import numpy as np
 
 from dimersweep.analysis.orbits.continuation.branch import point_of
-from dimersweep.analysis.orbits.continuation.kinds import ANY_CHANGE, FLIP, FOLD, TORUS, Kind, change_of
-from dimersweep.analysis.orbits.continuation.specials import (
+from dimersweep.analysis.orbits.continuation.events import (
     MOST_CHANGES,
-    Special,
+    Event,
     located,
     on_own_side,
     pitchfork_in,
     sequence_changes,
 )
+from dimersweep.analysis.orbits.continuation.kinds import ANY_CHANGE, FLIP, FOLD, TORUS, Kind, change_of
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps
 from dimersweep.analysis.orbits.map.finding import settled_on
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, require
@@ -43,7 +43,7 @@ def is_stable(point: Solution) -> bool:
     return bool((np.abs(point.multipliers) < 1).all())
 
 
-def stability_end(begin: Solution) -> Special:
+def stability_end(begin: Solution) -> Event:
     """Find the end of the stability of an orbit along its branch, in the sense of the tangent.
 
     Its point is the bifurcation, or the last stable orbit before a change of sequence. Where the branch does not go on,
@@ -60,15 +60,15 @@ def stability_end(begin: Solution) -> Special:
     for _ in range(MOST_CHANGES):
         require(is_stable(point), "the orbit is unstable")
         last, beyond = _followed(same_side, point)
-        special = Special(kind_beyond(last), last, 1.0) if beyond is None else _in_step(last, beyond)
-        if not special.kind.of_sequence:
-            return special
-        last, goes_on = furthest(is_stable, special.point, sense)
+        event = Event(kind_beyond(last), last, 1.0) if beyond is None else _in_step(last, beyond)
+        if not event.kind.of_sequence:
+            return event
+        last, goes_on = furthest(is_stable, event.solution, sense)
         if not goes_on:
             axis = last.axis
             bounded = f"the orbit is stable up to {axis.name} = {last.value:.6g}, the end of its range"
             require(attempt(axis.map_at, last.map, last.y[-1] + sense * 10 * LAST_PUSH), bounded)
-            return special if last is special.point else special._replace(kind=kind_beyond(last), point=last)
+            return event if last is event.solution else event._replace(kind=kind_beyond(last), solution=last)
         point = last
     raise OrbitLost("no end of stability is met")
 
@@ -175,18 +175,18 @@ def _accepted(holds: Holds, nxt: Solution, leap: np.ndarray) -> Solution:
     return nxt
 
 
-def _in_step(a: Solution, b: Solution) -> Special:
-    """Return the special point at which stability ends in a step from `a`, which is stable, to `b`."""
+def _in_step(a: Solution, b: Solution) -> Event:
+    """Return the event at which stability ends in a step from `a`, which is stable, to `b`."""
     if is_stable(b):
         fork = pitchfork_in(a, b)
         require(fork, "the spin falls like an exponential, and does not come to 0")
-        return cast(Special, fork)
+        return cast(Event, fork)
     at = Between(a, b)
     bifurcations: tuple[Kind, ...] = (FOLD, FLIP, TORUS)
     for kind in bifurcations:
-        special = located(kind, at)
-        if special is not None and kind.is_all(special.point.multipliers):
-            return special
+        event = located(kind, at)
+        if event is not None and kind.is_all(event.solution.multipliers):
+            return event
     shares = halved(lambda share: is_stable(at[share]), 0.0, 1.0, NARROW_STRETCH / at.length)
     low, high = (at[share] for share in shares)
     ends = (
@@ -198,7 +198,7 @@ def _in_step(a: Solution, b: Solution) -> Special:
         return change
     whole = [point.passage.whole_sequence for point in (low, high)]
     change_there = change_of(*whole) if whole[0] != whole[1] else ANY_CHANGE
-    return Special(change_there, low, 0.0, 0.0, (low.sequence, high.sequence))
+    return Event(change_there, low, 0.0, 0.0, (low.sequence, high.sequence))
 
 
 def _is_stable_on_own_side(beyond: Solution) -> bool:

@@ -198,9 +198,9 @@ def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
     """Find the orbit at another spin along the branch of fixed points; if it is lost, the reason says why the family ends."""
     fixed = solve(last.fixed.map, last.fixed.z, last.spin)
     rows, end, _ = traced(orbit_of(fixed), "spin", spin, sequences=False)
-    folds = [f"fold at spin = {row.value:.6g} rad/s" for row in rows if row.kind is FOLD]
-    require(end.startswith("to:"), folds[-1] if folds else f"{end}, at spin = {rows[-1].value:.6g} rad/s")
-    orbit = rows[-1].orbit
+    folds = [f"fold at spin = {row.solution.value:.6g} rad/s" for _, row in rows if row.kind is FOLD]
+    require(end.startswith("to:"), folds[-1] if folds else f"{end}, at spin = {rows[-1][1].solution.value:.6g} rad/s")
+    orbit = rows[-1][0]
     drifts = orbit.slow_motion.z is not orbit.fixed.z or not has_fast_part(orbit.fixed)
     require(drifts, f"no motion drifts by the fixed point, at spin = {spin:.6g} rad/s")
     return on_family(orbit.fixed.map, orbit.slow_motion)

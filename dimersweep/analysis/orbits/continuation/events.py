@@ -1,4 +1,4 @@
-"""Special points of a branch: folds, flips, tori, pitchforks, changes of sequence, and among these grazes.
+"""Event points of a branch: folds, flips, tori, pitchforks, changes of sequence, and among these grazes.
 
 At a graze an end comes down, turns in the air and just misses the plate. Where the gap at which it turns reaches zero,
 an impact begins, and the map has a square root (Nordmark, doi 10.1016/0022-460X(91)90592-8). On the side of the impact
@@ -8,7 +8,7 @@ both orbits exist on one side of the parameter.
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -80,43 +80,43 @@ def on_its_border(kind: Kind, orbit: PeriodicOrbit, free: bool) -> PeriodicOrbit
     return replace(orbit, stable=False) if kind.rows and not (free and kind is FOLD) else orbit
 
 
-class Special(NamedTuple):
-    """A special point of a branch."""
+class Event(NamedTuple):
+    """A point of a branch, with what happens there."""
 
-    kind: Kind  # kind of border that the branch crosses there
-    point: Solution
-    share: float  # share of the step at which the point lies
+    kind: Any  # `Kind` of border that the branch crosses there; None where it crosses none
+    solution: Solution
+    share: float = 1.0  # share of the step at which the point lies
     jump: float = 0.0  # jump of the orbit at a change of sequence, in units of the section
     sequences: tuple[str, str] = ("", "")  # sequences on both sides of a change of sequence
     beyond: Solution | None = None  # first orbit beyond a change of sequence
 
 
-def specials(a: Solution, b: Solution, sequences: bool = True) -> tuple[list[Special], Special | None]:
-    """Return the special points of a step of a branch in their order, and the change at which the branch leaps away.
+def events_in(a: Solution, b: Solution, sequences: bool = True) -> tuple[list[Event], Event | None]:
+    """Return the events of a step of a branch in their order, and the change at which the branch leaps away.
 
     The second is the change of sequence beyond which lies another branch, or None.
     """
-    changes: list[Special] = []
+    changes: list[Event] = []
     for change in sequence_changes(a, b) if sequences else ():
         if change.jump > JOINED or len(changes) == MOST_CHANGES:
             return changes, change
         changes.append(change)
     at = Between(a, b)
-    found = [special for kind in BORDER_KINDS.values() if (special := located(kind, at)) is not None]
-    return sorted([*found, *changes], key=lambda special: special.share), None
+    found = [event for kind in BORDER_KINDS.values() if (event := located(kind, at)) is not None]
+    return sorted([*found, *changes], key=lambda event: event.share), None
 
 
-def located(kind: Kind, at: Between[Solution]) -> Special | None:
+def located(kind: Kind, at: Between[Solution]) -> Event | None:
     """Return the zero of a kind's test function in a step, if the kind holds there.
 
     Return None if it does not, or if the function does not change its sign, or leaps over zero.
     """
     leap = SLOW_LEAP if at[0.0].axis.spin is None else LEAP
     share = zero(at, kind.test, max(LOCATED / (abs(at.way[-1]) or at.length), 1e-14), leap)
-    return None if share is None or not kind.holds(at[share]) else Special(kind, at[share], share)
+    return None if share is None or not kind.holds(at[share]) else Event(kind, at[share], share)
 
 
-def pitchfork_in(a: Solution, b: Solution) -> Special | None:
+def pitchfork_in(a: Solution, b: Solution) -> Event | None:
     """Return the pitchfork at which a branch of sustained spins parts from the motions in a plane.
 
     The step from `a` to `b` leads over the plane, to the mirror image of the branch. None is returned where the drift
@@ -126,7 +126,7 @@ def pitchfork_in(a: Solution, b: Solution) -> Special | None:
     y = a.y + spins[0] / (spins[0] - spins[1]) * (b.y - a.y)
     value, along = float(y[-1] * a.axis.scale), np.eye(y.size)[-1]
 
-    def beside_plane() -> Special | None:
+    def beside_plane() -> Event | None:
         plane = point_of(a.axis._replace(spin=0.0), solve(a.axis.map_at(a.map, y[-1]), y[:-1], 0.0), value)
         for near in NEAR_FORK:
             sides = (plane.on_plane(plane.y + by * along, along) for by in (-near, near))
@@ -137,7 +137,7 @@ def pitchfork_in(a: Solution, b: Solution) -> Special | None:
     return attempt(beside_plane)
 
 
-def sequence_changes(a: Solution, b: Solution) -> Iterator[Special]:
+def sequence_changes(a: Solution, b: Solution) -> Iterator[Event]:
     """Yield the changes of sequence between two points of a branch, one after the other."""
     low, left = 0.0, a
     while left.sequence != b.sequence:
@@ -146,7 +146,7 @@ def sequence_changes(a: Solution, b: Solution) -> Iterator[Special]:
         low, left = change.share, cast(Solution, change.beyond)
 
 
-def last_with(holds: Callable[[str], bool], low: float, left: Solution, b: Solution) -> Special:
+def last_with(holds: Callable[[str], bool], low: float, left: Solution, b: Solution) -> Event:
     """Return the change at which sequences cease to satisfy `holds`, between `left`, which satisfies it, and `b`.
 
     `low` is the share of the step at `left`; the step ends at `b`. Where an end that sticks begins to slip, friction
@@ -164,9 +164,9 @@ def last_with(holds: Callable[[str], bool], low: float, left: Solution, b: Solut
     return _change(at, bracket.low, jump, (at.sequence, bracket.right.sequence), bracket.right)
 
 
-def _change(at: Solution, share: float, jump: float, sequences: tuple[str, str], beyond: Solution) -> Special:
+def _change(at: Solution, share: float, jump: float, sequences: tuple[str, str], beyond: Solution) -> Event:
     """Return the change of sequence at a point, with the kind that leads from one sequence to the other."""
-    return Special(change_of(*sequences), at, share, jump, sequences, beyond)
+    return Event(change_of(*sequences), at, share, jump, sequences, beyond)
 
 
 def on_own_side(at: Solution, holds: Callable[[str], bool]) -> Solution:
@@ -260,7 +260,7 @@ class Bracket:
             return start + part * way, way / np.linalg.norm(way)
         return start + part * way[-1] * self.slope, np.eye(way.size)[-1]
 
-    def grazing(self) -> Special:
+    def grazing(self) -> Event:
         """Return the graze in the bracket over which `holds` changes."""
         near = min(self.left, self.right, key=lambda point: least_gap(point.map, point.passage))
         at, struck = graze(near)
