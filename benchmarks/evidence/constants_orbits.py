@@ -20,7 +20,7 @@ from constants_table import FACTORS, Constant, changed, meaning_of, numbers, pri
 
 import dimersweep
 
-ROOM = "dimersweep.analysis.orbits"
+ROOM, ATTRACTORS = "dimersweep.analysis.orbits", "dimersweep.analysis.attractors"
 FOLDER = Path(dimersweep.__file__).parent / "analysis" / "orbits"
 EDGES = FOLDER.parent / "attractors" / "edges.py"  # it follows branches, as the rooms of orbits do
 LONGEST = 60.0  # time of the processor for all answers [s]
@@ -78,7 +78,10 @@ def load_changed(one: Constant, factor: float) -> None:
     usual = importlib.machinery.SourceFileLoader.get_code
 
     def get_code(self: Any, fullname: str) -> Any:
-        if not fullname.startswith((ROOM, "dimersweep.analysis.attractors.edges")) or fullname.rpartition(".")[2] != one.file.rpartition(".")[2]:
+        if (
+            not fullname.startswith((ROOM, "dimersweep.analysis.attractors.edges"))
+            or fullname.rpartition(".")[2] != one.file.rpartition(".")[2]
+        ):
             return usual(self, fullname)
         path = self.get_filename(fullname)
         tree = ast.parse(self.get_data(path))
@@ -211,7 +214,7 @@ def answers(file: str) -> dict[str, tuple[list[Any], float]]:
 def in_process(one: Constant, factor: float, out: Any) -> None:
     """Answer with a number changed."""
     signal.setitimer(signal.ITIMER_PROF, LONGEST)
-    for name in [name for name in sys.modules if name.startswith((ROOM, "dimersweep.analysis.attractors"))]:
+    for name in [name for name in sys.modules if name.startswith((ROOM, ATTRACTORS))]:
         del sys.modules[name]
     vars(dimersweep).pop("orbits", None)
     load_changed(one, factor)

@@ -1,12 +1,12 @@
 """A border as a curve: its first points are found on branches of orbits, the others by steps from point to point."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import takewhile
 from math import pi
-from typing import Any, ClassVar, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -14,7 +14,7 @@ import xarray as xr
 from dimersweep.analysis.orbits.continuation.branch import point_of
 from dimersweep.analysis.orbits.continuation.events import MOST_CHANGES, Event, events_in
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, COMPLEX
-from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps, zero
+from dimersweep.analysis.orbits.continuation.steps import SEARCHING, halved, steps, zero
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.finding import orbit_at
 from dimersweep.analysis.orbits.map.lost import OrbitLost
@@ -32,7 +32,7 @@ REACH = 0.3
 HALVINGS = 4  # times that a step from one point of a curve to the next is halved at most
 
 
-PlaceLike = TypeVar("PlaceLike", bound="Place")
+T = TypeVar("T")
 
 
 class Found(NamedTuple):
@@ -290,57 +290,43 @@ class Curve(ABC):
             yield {self.parameter: low + share * wide}
 
 
-@dataclass(frozen=True)
-class Place:
-    """A point of a curve whose `y` has the values of the other parameters: see `continuation.steps.OnPlanes`."""
-
-    curve: Curve
-    found: Found
-    y: np.ndarray
-
-    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
-        """Return the point at other values `y` of the other parameters."""
-        found = self.curve.point(dict(zip(self.curve.over, y.tolist(), strict=True)), [self.found], None)
-        return replace(self, found=found, y=y)
-
-    def towards(self, other: Self, part: float) -> Self:
-        """Return the place with the neighbour from which a point a `part` of the way to `other` is looked for."""
-        return replace(self, found=self.curve.between(self.found, other.found, part))
-
-    def tests(self) -> dict[str, float]:
-        """Return functions that change their sign where the curve meets another border or turns round, by its name."""
-        return Curve.tests(self.curve, self.found)
-
-    def special(self, b: Self, known: float) -> list[tuple[Self, str]]:
-        """Return the places up to the point `b` at which the curve meets other borders or turns round, in their order.
-
-        Each place is located to `known`, a share of the way. A place that cannot be located so well is left out.
-        """
-        at, low = Onward(self, b), 0.0
-
-        def zero_of(name: str) -> float | None:
-            return zero(at, lambda place: place.tests()[name], known)
-
-        def state(share: float) -> str:
-            return self.curve.state(at[share].found)
-
-        found = [(share, name) for name in self.tests() if (share := zero_of(name)) is not None]
-        while (before := state(low)) != state(1.0) and len(found) < MOST_CHANGES:
-            beyond = min(share for share in at if share > low and state(share) != before)
-            last, low = halved(state, low, beyond, known)
-            if low - last > known:
-                break
-            found.append((last, self.curve.passed(before, state(low))))
-        return [(at[share], name) for share, name in sorted(found)]
-
-
-class Onward(Between[PlaceLike]):
+class Onward(dict[float, T]):
     """The points of a step of a border by their share of the way, each found from the last known point before it.
 
-    The equations of that point are nearly those of the new one.
+    The equations of that point are nearly those of the new one. ``found(before, after, part, share)`` returns the point
+    at a share of the way, which lies a `part` of the way from one known point to the next.
     """
 
-    def near(self, share: float) -> PlaceLike:
-        """Return the point from which the point at a share of the way is looked for."""
+    def __init__(self, a: T, b: T, found: Callable[[T, T, float, float], T]) -> None:
+        super().__init__({0.0: a, 1.0: b})
+        self.found = found
+
+    def __missing__(self, share: float) -> T:
         low, high = max(known for known in self if known < share), min(known for known in self if known > share)
-        return self[low].towards(self[high], (share - low) / (high - low))
+        self[share] = self.found(self[low], self[high], (share - low) / (high - low), share)
+        return self[share]
+
+    def meetings(
+        self, tests: Callable[[T], dict[str, float]], state: Callable[[T], str], curve: Curve, known: float
+    ) -> list[tuple[T, str]]:
+        """Return the points at which the curve meets other borders or turns round, in their order, each with its name.
+
+        There a function of `tests` changes its sign, or the `state` changes. A point is located to `known`, a share of
+        the way; one that cannot be located so well is left out.
+        """
+        low = 0.0
+
+        def zero_of(name: str) -> float | None:
+            return zero(self, lambda point: tests(point)[name], known)
+
+        def state_at(share: float) -> str:
+            return state(self[share])
+
+        found = [(share, name) for name in tests(self[0.0]) if (share := zero_of(name)) is not None]
+        while (before := state_at(low)) != state_at(1.0) and len(found) < MOST_CHANGES:
+            beyond = min(share for share in self if share > low and state_at(share) != before)
+            last, low = halved(state_at, low, beyond, known)
+            if low - last > known:
+                break
+            found.append((last, curve.passed(before, state_at(low))))
+        return [(self[share], name) for share, name in sorted(found)]

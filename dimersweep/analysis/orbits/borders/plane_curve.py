@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.borders.curve import Curve, Found, Place
+from dimersweep.analysis.orbits.borders.curve import Curve, Found, Onward
 from dimersweep.analysis.orbits.borders.curves import asked
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, SAME_WAY, steps
@@ -32,12 +32,15 @@ CHANGE_LOCATED = 1e-7  # accuracy of meetings and turns, as a share of a step
 
 
 @dataclass(frozen=True)
-class InPlane(Place):
+class InPlane:
     """A point of a border in the plane of two parameters, from which steps are taken: see `continuation.steps.OnCurve`.
 
     Its last two unknowns, `y[-2]` and `y[-1]`, are the first and the second parameter over their scales.
     """
 
+    curve: Curve
+    found: Found
+    y: np.ndarray
     other: Axis  # the second parameter
     near: Found  # the point with whose equations, and in whose section, this one was found
     tangent: np.ndarray  # tangent of the curve, of length one, shape (n + 1,)
@@ -77,10 +80,6 @@ class InPlane(Place):
         found = self.curve.made(y[:-1], extra, self.near)
         return replace(self, found=found, y=y)._tangential(self.tangent)
 
-    def towards(self, other: "InPlane", part: float) -> "InPlane":
-        """Return the point itself: points of a step are looked for on planes across the line between its ends."""
-        return self
-
     def _system(self, y: np.ndarray) -> Any:
         """Return the equations of the border at the second parameter of `y`."""
         return self.curve.system(self.other.map_at(self.near.begin.map, y[-1]), self.near)
@@ -105,6 +104,18 @@ class InPlane(Place):
         turns = {f"turn {self.curve.parameter}": self.tangent[-2], f"turn {self.other.name}": self.tangent[-1]}
         return self.curve.tests(self.found) | turns
 
+    def meetings(self, b: "InPlane") -> "list[tuple[InPlane, str]]":
+        """Return the points up to `b` at which the curve meets other borders or turns round, with the names of these."""
+        way = b.y - self.y
+
+        def found(before: InPlane, _: InPlane, part: float, share: float) -> InPlane:
+            return before.on_plane(self.y + share * way, way / np.linalg.norm(way))
+
+        def state(at: InPlane) -> str:
+            return self.curve.state(at.found)
+
+        return Onward(self, b, found).meetings(InPlane.tests, state, self.curve, CHANGE_LOCATED)
+
     def to_end(self, span: tuple[float, float], points: int) -> "tuple[list[tuple[InPlane, str]], str]":
         """Follow the curve from this point on: return the points, and why the curve ends.
 
@@ -114,7 +125,7 @@ class InPlane(Place):
         edges = {value / self.other.scale: value for value in span}
         try:
             for a, b, edge in islice(steps(self, FOLLOWING, tuple(edges)), points):
-                rows += [*a.special(b, CHANGE_LOCATED), (b, "")]
+                rows += [*a.meetings(b), (b, "")]
                 if edge is not None:
                     return rows, f"{self.other.name} = {edges[edge]:g} is reached"
         except OrbitLost as reason:

@@ -5,7 +5,7 @@ border in the plane of two parameters (`plane_curve.InPlane`). A step goes along
 the plane across it (Keller; Kuznetsov, doi 10.1007/978-3-031-22007-4, section 10.2).
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
@@ -71,6 +71,7 @@ class OnCurve(OnPlanes, Protocol):
 
 P = TypeVar("P", bound=OnCurve)
 Q = TypeVar("Q", bound=OnPlanes)
+T = TypeVar("T")
 
 
 def steps(begin: P, lengths: StepLengths, window: tuple[float, ...] = ()) -> Iterator[tuple[P, P, float | None]]:
@@ -144,15 +145,12 @@ class Between(dict[float, Q]):
         self.length = float(np.linalg.norm(self.way))
 
     def __missing__(self, share: float) -> Q:
-        self[share] = self.near(share).on_plane(self[0.0].y + share * self.way, self.way / self.length)
+        near = self[0.0] if share < 0.5 else self[1.0]  # the nearer end
+        self[share] = near.on_plane(self[0.0].y + share * self.way, self.way / self.length)
         return self[share]
 
-    def near(self, share: float) -> Q:
-        """Return the end of the step from which the point at a share is found: the nearer one."""
-        return self[0.0] if share < 0.5 else self[1.0]
 
-
-def zero(at: Between[Q], test: Callable[[Q], float], known: float, leap: float = LEAP) -> float | None:
+def zero(at: Mapping[float, T], test: Callable[[T], float], known: float, leap: float = LEAP) -> float | None:
     """Find the share of a step at which a test function is zero, with an error of at most `known`.
 
     Return None if the function does not change its sign, if it leaps over zero, or if a point is not found. It leaps if
