@@ -1,4 +1,4 @@
-"""Curves of bifurcations: folds, flips, tori.
+"""Curves of bifurcations: folds, flips, tori, pitchforks.
 
 At a point of such a curve the orbit closes, and the derivative J of its map has an eigenvector to the multiplier of the
 bifurcation. At a fold J v = v, at a flip J v = -v, at a torus J (v + i w) = exp(i angle) (v + i w) with an unknown
@@ -10,18 +10,19 @@ point of a curve to the next the equations change little: each point begins with
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
-from typing import NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from dimersweep.analysis.orbits.borders.curve import REACH, Curve, Found
+from dimersweep.analysis.orbits.continuation.branch import Equations, with_derivatives
 from dimersweep.analysis.orbits.continuation.events import Event, on_its_border
 from dimersweep.analysis.orbits.continuation.kinds import Bifurcation, change_of
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
 from dimersweep.analysis.orbits.map.lost import attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import eigenvector
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.passage import TURN, Passage
 from dimersweep.analysis.orbits.map.poincare import ReturnMap
 from dimersweep.analysis.orbits.map.solution import TOLERANCE, Axis, Solution, fixed_at, newton, target
 
@@ -95,10 +96,10 @@ class BorderEquations:
         normal = V @ self.normal - np.eye(self.rows)[0]
         return np.concatenate([here - z, self.weight * turned.ravel(), normal]), m
 
-    def derivative(self, u: np.ndarray, around: "Around | None" = None) -> np.ndarray:
-        """Return the derivative of all equations by `u`; the images `around` the section point are reused if given."""
+    def derivative(self, u: np.ndarray, seen: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None) -> np.ndarray:
+        """Return the derivative of all equations by `u`; what is `seen` around the section point is reused if given."""
         z, V, unknown, m = self.parts(u)
-        here, beside, J = Around.of(m, z) if around is None else around
+        here, beside, J = around(m, z) if seen is None else seen
         n, end, step, one = self.n, self.n * (1 + self.rows), m.step, np.eye(self.rows)
         moved, *moved_along = self.axis.map_at(m, u[-1] + step).images(np.array([z, *(z + step * V)]))[:, :n]
         places = z + step * np.eye(n)[:, None] + step * V  # from each neighbour along each row of the eigenvector
@@ -131,28 +132,23 @@ class BorderEquations:
         return OnBorder(m, u, self.normal, latest, float(np.abs(left[: self.n]).max()))
 
 
-class Around(NamedTuple):
-    """The images of a point and of its neighbours a step ahead along each coordinate, with the derivative J."""
+def around(m: ReturnMap, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the images of a point, shape (n,), and of its neighbours a step ahead along each coordinate, and J.
 
-    here: np.ndarray  # image of the point, shape (n,)
-    beside: np.ndarray  # images of the neighbours, one row each, shape (n, n)
-    J: np.ndarray  # shape (n, n)
-
-    @classmethod
-    def of(cls, m: ReturnMap, z: np.ndarray) -> "Around":
-        """Compute the images around a point. J is taken to one side, which is enough for steps of Newton's method."""
-        here, *beside = m.images(np.array([z, *(z + m.step * np.eye(z.size))]))[:, : z.size]
-        return cls(here, np.array(beside), (np.array(beside) - here).T / m.step)
+    The neighbours have a row each. J is taken to one side, which is enough for steps of Newton's method.
+    """
+    here, *beside = m.images(np.array([z, *(z + m.step * np.eye(z.size))]))[:, : z.size]
+    return here, np.array(beside), (np.array(beside) - here).T / m.step
 
 
 @singular_lost()
 def on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, y: np.ndarray) -> OnBorder:
     """Return the point of a border near an orbit, whose section point and parameter over its scale are in `y`."""
-    around = Around.of(axis.map_at(m, y[-1]), y[:-1])
-    V, unknown = kind.begin(around.J)
+    seen = around(axis.map_at(m, y[-1]), y[:-1])
+    V, unknown = kind.begin(seen[2])
     u = np.concatenate([y[:-1], V.ravel(), unknown, y[-1:]])
     system = BorderEquations(kind, axis, m, V[0] / (V[0] @ V[0]))
-    return system.solved(u, system.derivative(u, around))
+    return system.solved(u, system.derivative(u, seen))
 
 
 @singular_lost()
@@ -293,3 +289,42 @@ class BifurcationCurve(Curve):
     def is_sure(self, found: Found) -> bool:
         """Return True where a stable orbit loses its stability: a search along a branch prefers such a point, too."""
         return found.loses
+
+
+class PitchforkCurve(Curve):
+    """A curve along which a motion in a plane begins or ceases to attract motions with a spin: see `Curve`.
+
+    All its points have spin 0. Beside the equations of the orbit, one more holds: a small spin does not grow.
+    """
+
+    in_plane: ClassVar = True
+
+    def _from(self, orbit: PeriodicOrbit) -> Found:
+        ways = self._ways(orbit)
+        self._check_smooth(ways[0])
+        return self._found(first_found(partial(self._met, way) for way in ways).solution)
+
+    def _next(self, given: dict[str, float], near: list[Found]) -> Found:
+        old: Solution = near[0].begin
+        equations = self.system(replace(old.map, parameters=given | {self.parameter: old.value}), near[0])
+
+        def found(u: np.ndarray) -> Found:
+            return self._found(with_derivatives(equations.solved(u, equations.derivative)[0]))
+
+        guesses = (self.extrapolated(near), old.y)
+        return first_found((partial(found, u) for u in guesses), "no pitchfork is found from its neighbour")
+
+    def _check_smooth(self, at: Solution) -> None:
+        uneven = "an end slips through the turn of its slip: beside the plane the drift is not smooth"
+        require(self.kind.holds(at), uneven)
+
+    def _found(self, at: Solution) -> Found:
+        self._check_smooth(at)
+        return Found(orbit_of(at), at.value, at.settled(), loses=self.kind.is_all(at.multipliers))
+
+    def system(self, m: ReturnMap, near: Found) -> Equations:
+        at = near.begin
+        return Equations(at.on_map(m), lambda _, m, passage: self.kind.mark(m, passage))
+
+    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Passage], near: Found) -> Found:
+        return self._found(with_derivatives(self.system(extra[0], near).point(u, extra)))

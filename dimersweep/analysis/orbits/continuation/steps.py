@@ -39,22 +39,19 @@ FOLLOWING = StepLengths(first=0.02, longest=0.25, shortest=1e-6, growth=1.3, tri
 SEARCHING = StepLengths(first=0.1, longest=0.1, shortest=1e-5, growth=1.5, tries=120)
 
 
-class OnPlanes(Protocol):
-    """A point of a curve that finds other points nearby; `y` has all its unknowns, shape (n + 1,)."""
+class OnCurve(Protocol):
+    """A point of a curve, which has one equation less than unknowns; the last unknown is a parameter over its scale."""
 
     @property
-    def y(self) -> np.ndarray: ...
-
-    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
-        """Find the point of the curve on the plane through `y` across `normal`, in the section of this point."""
-
-
-class OnCurve(OnPlanes, Protocol):
-    """A point of a curve, which has one equation less than unknowns; the last unknown is a parameter over its scale."""
+    def y(self) -> np.ndarray:
+        """Unknowns, shape (n + 1,)."""
 
     @property
     def tangent(self) -> np.ndarray:
         """Tangent of length 1 in the sense of the curve, shape (n + 1,)."""
+
+    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
+        """Find the point of the curve on the plane through `y` across `normal`, in the section of this point."""
 
     def judge(self, to: Self, step: float) -> None:
         """Require that a step to another point is not too long: the curve may turn between the two."""
@@ -70,7 +67,6 @@ class OnCurve(OnPlanes, Protocol):
 
 
 P = TypeVar("P", bound=OnCurve)
-Q = TypeVar("Q", bound=OnPlanes)
 T = TypeVar("T")
 
 
@@ -136,15 +132,15 @@ def _at_edge(near: P, y: np.ndarray, ahead: np.ndarray, edge: float) -> P:
     return near.on_plane(at, np.eye(at.size)[-1])
 
 
-class Between(dict[float, Q]):
+class Between(dict[float, P]):
     """Points of a step by their share of the way from `a` to `b`, each found once, on a plane across the way."""
 
-    def __init__(self, a: Q, b: Q) -> None:
+    def __init__(self, a: P, b: P) -> None:
         super().__init__({0.0: a, 1.0: b})
         self.way = b.y - a.y
         self.length = float(np.linalg.norm(self.way))
 
-    def __missing__(self, share: float) -> Q:
+    def __missing__(self, share: float) -> P:
         near = self[0.0] if share < 0.5 else self[1.0]  # the nearer end
         self[share] = near.on_plane(self[0.0].y + share * self.way, self.way / self.length)
         return self[share]

@@ -118,7 +118,7 @@ def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[d
         nxt = attempt(_next, last, spin, runs)
         if nxt is None:
             missed += 1
-            if k + 1 < len(spins) and (missed == 1 or _near(last[0].spin, spin)):
+            if k + 1 < len(spins) and (missed == 1 or abs(last[0].spin - spin) <= MISSING_OVER * abs(spin)):
                 k += 1
                 continue
             k -= missed - 1  # back to the first spin that was missed
@@ -147,11 +147,6 @@ def _next(last: list[PeriodicOrbit], spin: float, leaps: bool) -> PeriodicOrbit:
         return [first_found([partial(step_along, before, to), partial(run_onto, at, to, most)]), *before[:2]]
 
     return in_steps(step, last, max(SHORTEST, 0.5 * MISSING_OVER * abs(spin / ((spin - begin) or 1.0))))[0]
-
-
-def _near(a: float, b: float) -> bool:
-    """Return True if two spins are so near that orbits may be missing between them."""
-    return abs(a - b) <= MISSING_OVER * abs(b)
 
 
 def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
