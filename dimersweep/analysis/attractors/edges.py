@@ -222,7 +222,7 @@ def _is_partner(orbit: PeriodicOrbit) -> bool:
     if (np.abs(orbit.multipliers) > 1).sum() != 1 or orbit.multipliers[0].real < 1:
         return False
     with suppress(OrbitError):
-        entries = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], sequences=False).entries
-        beyond = list(dropwhile(lambda entry: entry[1].kind is not FOLD, entries))[1:]
+        rows, _, _ = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], sequences=False)
+        beyond = list(dropwhile(lambda row: row[1].kind is not FOLD, rows))[1:]
         return any(orbit.stable for orbit, _ in beyond)
     return False

@@ -43,7 +43,10 @@ AGREE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class OnBorder:
-    """A point of a border, with the map, the unknowns and the derivative from which the next point is looked for."""
+    """A point of a border, with the map, the unknowns and the derivative from which the next point is looked for.
+
+    It is a type of its own, beside `Solution`, since the eigenvector is among its unknowns.
+    """
 
     map: ReturnMap  # puts the spin back in each forcing period, unless the spin is free
     # section point, rows of the eigenvector, unknown of the multiplier (the angle at a torus), parameter over its scale

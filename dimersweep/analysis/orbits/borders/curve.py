@@ -36,7 +36,10 @@ T = TypeVar("T")
 
 
 class Found(NamedTuple):
-    """A point of a border: its orbit, the value of the parameter, and the start of the search for the next point."""
+    """A point of a border: its orbit, the value of the parameter, and the start of the search for the next point.
+
+    It is a type of its own, beside `Solution` and `Event`, since it is a row: one point may stand for several changes.
+    """
 
     orbit: PeriodicOrbit
     value: float  # value of the parameter that is solved for

@@ -35,7 +35,8 @@ CHANGE_LOCATED = 1e-7  # accuracy of meetings and turns, as a share of a step
 class InPlane:
     """A point of a border in the plane of two parameters, from which steps are taken: see `continuation.steps.OnCurve`.
 
-    Its last two unknowns, `y[-2]` and `y[-1]`, are the first and the second parameter over their scales.
+    It is a type of its own, beside `Solution`, since the problem that it solves is that of any border: its last two
+    unknowns, `y[-2]` and `y[-1]`, are the first and the second parameter over their scales.
     """
 
     curve: Curve

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from functools import partial
 from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -95,14 +94,6 @@ def follow(
     return finished(table.set_coords(parameter), f"Branch of periodic orbits in {parameter}")
 
 
-class Trace(NamedTuple):
-    """The rows of a branch, the reason for its end in words, and the forcing periods of the map that it took."""
-
-    entries: list[tuple[PeriodicOrbit, Event]]
-    end: str
-    cost: float
-
-
 def traced(
     orbit: PeriodicOrbit,
     parameter: str,
@@ -111,8 +102,11 @@ def traced(
     switch: bool = False,
     sequences: bool = True,
     sustained: bool = False,
-) -> Trace:
-    """Follow a branch as `follow` does, and return its rows."""
+) -> tuple[list[tuple[PeriodicOrbit, Event]], str, float]:
+    """Follow a branch as `follow` does.
+
+    Return its rows, why it ends, in words, and the forcing periods of the map that it took.
+    """
     axis, start, to = _axis(orbit, parameter, to, sustained)
     free = axis.spin is None
     edges = {
@@ -154,7 +148,7 @@ def traced(
             rows.append(_row(Event(None, point)))
     except OrbitLost as reason:
         end = f"lost: {reason}"
-    return Trace(rows, end or f"points: {points} points were asked for", recorder.periods)
+    return rows, end or f"points: {points} points were asked for", recorder.periods
 
 
 def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool) -> tuple[Axis, float, float]:

@@ -182,8 +182,7 @@ def _in_step(a: Solution, b: Solution) -> Event:
         require(fork, "the spin falls like an exponential, and does not come to 0")
         return cast(Event, fork)
     at = Between(a, b)
-    bifurcations: tuple[Kind, ...] = (FOLD, FLIP, TORUS)
-    for kind in bifurcations:
+    for kind in (FOLD, FLIP, TORUS):
         event = located(kind, at)
         if event is not None and kind.is_all(event.solution.multipliers):
             return event

@@ -322,7 +322,10 @@ def _within(stretch: Stretch, spin: float, periods: float) -> tuple[float, float
 
 
 class Standing(NamedTuple):
-    """A spin at which nothing drifts, or an end of a sheet at which the drift changes its sign."""
+    """A spin at which nothing drifts, or an end of a sheet at which the drift changes its sign.
+
+    It is a type of its own, beside `Event`, since no branch is followed there: it has the rate at which the spin settles.
+    """
 
     orbit: PeriodicOrbit
     # relative growth of a small deviation from the spin per forcing period: negative if the spin

@@ -41,7 +41,7 @@ SPIN_KINDS = ("spin", "end", "cycle", NEUTRAL, "plane")  # kinds of limits of th
 
 
 class Arrival(NamedTuple):
-    """The orbit that a run reaches which drifts over the end of a sheet."""
+    """The orbit that a run reaches which drifts over the end of a sheet, with the time that this takes."""
 
     orbit: PeriodicOrbit
     periods: float  # forcing periods of the run up to there
