@@ -7,8 +7,8 @@ from tests.checks import house
 # lines; where a change needs more, it says what for
 MOST_LINES = {"engine": 28_200, "analysis": 11_450}
 MOST_FLOORS = {"map": 5, "continuation": 5, "borders": 5, "slow": 4}
-MOST_TYPES = 54  # of orbits
-MOST_LOST = 54  # lines of the package that name OrbitLost
+MOST_TYPES = 52  # of orbits
+MOST_LOST = 56  # lines of the package that name OrbitLost
 
 
 @pytest.mark.parametrize(("half", "is_analysis"), [("engine", False), ("analysis", True)])

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.borders.curve import Curve, Found, Onward, shortened
+from dimersweep.analysis.orbits.borders.curve import Curve, Found, meetings, shortened
 from dimersweep.analysis.orbits.borders.curves import asked
+from dimersweep.analysis.orbits.continuation.steps import Between
 from dimersweep.analysis.orbits.map.finding import RTOL
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
 from dimersweep.cubes.cube import column, finished, fixed_coordinates
@@ -173,7 +174,7 @@ class GridWalk:
                     return self.curve.point(values, [self.curve.between(before, after, part)], None)
 
                 tests = partial(Curve.tests, self.curve)
-                yield from Onward(a, b, found).meetings(tests, self.curve.state, self.curve, known)
+                yield from meetings(self.curve, Between(a, b, found), tests, self.curve.state, known)
 
     def told(self) -> dict[Index, str]:
         """Return the status of each point: for a missing point, why it was not found."""

@@ -14,7 +14,7 @@ import xarray as xr
 from dimersweep.analysis.orbits.continuation.branch import point_of
 from dimersweep.analysis.orbits.continuation.events import MOST_CHANGES, Event, events_in
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, COMPLEX
-from dimersweep.analysis.orbits.continuation.steps import SEARCHING, halved, steps, zero
+from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps, zero
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.finding import orbit_at
 from dimersweep.analysis.orbits.map.lost import OrbitLost
@@ -293,43 +293,27 @@ class Curve(ABC):
             yield {self.parameter: low + share * wide}
 
 
-class Onward(dict[float, T]):
-    """The points of a step of a border by their share of the way, each found from the last known point before it.
+def meetings(
+    curve: Curve, at: Between[T], tests: Callable[[T], dict[str, float]], state: Callable[[T], str], known: float
+) -> list[tuple[T, str]]:
+    """Return the points of a step at which the curve meets other borders or turns round, in their order, each with its name.
 
-    The equations of that point are nearly those of the new one. ``found(before, after, part, share)`` returns the point
-    at a share of the way, which lies a `part` of the way from one known point to the next.
+    There a function of `tests` changes its sign, or the `state` changes. A point is located to `known`, a share of
+    the way; one that cannot be located so well is left out.
     """
+    low = 0.0
 
-    def __init__(self, a: T, b: T, found: Callable[[T, T, float, float], T]) -> None:
-        super().__init__({0.0: a, 1.0: b})
-        self.found = found
+    def zero_of(name: str) -> float | None:
+        return zero(at, lambda point: tests(point)[name], known)
 
-    def __missing__(self, share: float) -> T:
-        low, high = max(known for known in self if known < share), min(known for known in self if known > share)
-        self[share] = self.found(self[low], self[high], (share - low) / (high - low), share)
-        return self[share]
+    def state_at(share: float) -> str:
+        return state(at[share])
 
-    def meetings(
-        self, tests: Callable[[T], dict[str, float]], state: Callable[[T], str], curve: Curve, known: float
-    ) -> list[tuple[T, str]]:
-        """Return the points at which the curve meets other borders or turns round, in their order, each with its name.
-
-        There a function of `tests` changes its sign, or the `state` changes. A point is located to `known`, a share of
-        the way; one that cannot be located so well is left out.
-        """
-        low = 0.0
-
-        def zero_of(name: str) -> float | None:
-            return zero(self, lambda point: tests(point)[name], known)
-
-        def state_at(share: float) -> str:
-            return state(self[share])
-
-        found = [(share, name) for name in tests(self[0.0]) if (share := zero_of(name)) is not None]
-        while (before := state_at(low)) != state_at(1.0) and len(found) < MOST_CHANGES:
-            beyond = min(share for share in self if share > low and state_at(share) != before)
-            last, low = halved(state_at, low, beyond, known)
-            if low - last > known:
-                break
-            found.append((last, curve.passed(before, state_at(low))))
-        return [(self[share], name) for share, name in sorted(found)]
+    found = [(share, name) for name in tests(at[0.0]) if (share := zero_of(name)) is not None]
+    while (before := state_at(low)) != state_at(1.0) and len(found) < MOST_CHANGES:
+        beyond = min(share for share in at if share > low and state_at(share) != before)
+        last, low = halved(state_at, low, beyond, known)
+        if low - last > known:
+            break
+        found.append((last, curve.passed(before, state_at(low))))
+    return [(at[share], name) for share, name in sorted(found)]

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.borders.curve import Curve, Found, Onward
+from dimersweep.analysis.orbits.borders.curve import Curve, Found, meetings
 from dimersweep.analysis.orbits.borders.curves import asked
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
-from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, SAME_WAY, steps
+from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, SAME_WAY, Between, steps
 from dimersweep.analysis.orbits.map.finding import RTOL
 from dimersweep.analysis.orbits.map.lost import OrbitLost, require, singular_lost
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit
@@ -115,7 +115,7 @@ class InPlane:
         def state(at: InPlane) -> str:
             return self.curve.state(at.found)
 
-        return Onward(self, b, found).meetings(InPlane.tests, state, self.curve, CHANGE_LOCATED)
+        return meetings(self.curve, Between(self, b, found), InPlane.tests, state, CHANGE_LOCATED)
 
     def to_end(self, span: tuple[float, float], points: int) -> "tuple[list[tuple[InPlane, str]], str]":
         """Follow the curve from this point on: return the points, and why the curve ends.

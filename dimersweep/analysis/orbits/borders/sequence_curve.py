@@ -18,7 +18,7 @@ from dimersweep.analysis.orbits.continuation.branch import Equations, grazes, le
 from dimersweep.analysis.orbits.continuation.events import MOST_CHANGES, Event, events_in, graze, last_with
 from dimersweep.analysis.orbits.continuation.kinds import ANY_CHANGE, COMPLEX, FLIP, FOLD, change_of
 from dimersweep.analysis.orbits.continuation.stability_end import across, beyond_gap, is_stable, last_that
-from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, steps
+from dimersweep.analysis.orbits.continuation.steps import SEARCHING, on_line, steps
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import lag
 from dimersweep.analysis.orbits.map.orbit import Column, PeriodicOrbit, orbit_of
@@ -169,7 +169,7 @@ class SequenceCurve(Curve):
         if self.kind.lines is not None and halvings:
             first, last = (self.kind.lines(point.passage) for point in (a, b))
             passes = (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any()
-            if passes and (middle := attempt(Between(a, b).__getitem__, 0.5)):
+            if passes and (middle := attempt(on_line(a, b).__getitem__, 0.5)):
                 yield from self._parts(a, middle, halvings - 1)
                 yield from self._parts(middle, b, halvings - 1)
                 return

@@ -21,7 +21,7 @@ from dimersweep.analysis.orbits.continuation.branch import (
     with_derivatives,
 )
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, FOLD, PITCHFORK, Kind, change_of
-from dimersweep.analysis.orbits.continuation.steps import LEAP, LOCATED, SLOW_LEAP, Between, zero
+from dimersweep.analysis.orbits.continuation.steps import LEAP, LOCATED, SLOW_LEAP, Between, on_line, zero
 from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, require
 from dimersweep.analysis.orbits.map.manifold import eigenvector
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
@@ -101,7 +101,7 @@ def events_in(a: Solution, b: Solution, sequences: bool = True) -> tuple[list[Ev
         if change.jump > JOINED or len(changes) == MOST_CHANGES:
             return changes, change
         changes.append(change)
-    at = Between(a, b)
+    at = on_line(a, b)
     found = [event for kind in BORDER_KINDS.values() if (event := located(kind, at)) is not None]
     return sorted([*found, *changes], key=lambda event: event.share), None
 
@@ -112,7 +112,8 @@ def located(kind: Kind, at: Between[Solution]) -> Event | None:
     Return None if it does not, or if the function does not change its sign, or leaps over zero.
     """
     leap = SLOW_LEAP if at[0.0].axis.spin is None else LEAP
-    share = zero(at, kind.test, max(LOCATED / (abs(at.way[-1]) or at.length), 1e-14), leap)
+    way = at[1.0].y - at[0.0].y
+    share = zero(at, kind.test, max(LOCATED / (abs(way[-1]) or float(np.linalg.norm(way))), 1e-14), leap)
     return None if share is None or not kind.holds(at[share]) else Event(kind, at[share], share)
 
 
@@ -130,7 +131,7 @@ def pitchfork_in(a: Solution, b: Solution) -> Event | None:
         plane = point_of(a.axis._replace(spin=0.0), solve(a.axis.map_at(a.map, y[-1]), y[:-1], 0.0), value)
         for near in NEAR_FORK:
             sides = (plane.on_plane(plane.y + by * along, along) for by in (-near, near))
-            if found := located(PITCHFORK, Between(*sides)):
+            if found := located(PITCHFORK, on_line(*sides)):
                 return found
         return None
 

@@ -21,7 +21,7 @@ from dimersweep.analysis.orbits.continuation.events import (
     sequence_changes,
 )
 from dimersweep.analysis.orbits.continuation.kinds import ANY_CHANGE, FLIP, FOLD, TORUS, Kind, change_of
-from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps
+from dimersweep.analysis.orbits.continuation.steps import SEARCHING, halved, on_line, steps
 from dimersweep.analysis.orbits.map.finding import settled_on
 from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, require
 from dimersweep.analysis.orbits.map.passage import TURN
@@ -181,12 +181,12 @@ def _in_step(a: Solution, b: Solution) -> Event:
         fork = pitchfork_in(a, b)
         require(fork, "the spin falls like an exponential, and does not come to 0")
         return cast(Event, fork)
-    at = Between(a, b)
+    at = on_line(a, b)
     for kind in (FOLD, FLIP, TORUS):
         event = located(kind, at)
         if event is not None and kind.is_all(event.solution.multipliers):
             return event
-    shares = halved(lambda share: is_stable(at[share]), 0.0, 1.0, NARROW_STRETCH / at.length)
+    shares = halved(lambda share: is_stable(at[share]), 0.0, 1.0, NARROW_STRETCH / float(np.linalg.norm(b.y - a.y)))
     low, high = (at[share] for share in shares)
     ends = (
         change

@@ -132,18 +132,28 @@ def _at_edge(near: P, y: np.ndarray, ahead: np.ndarray, edge: float) -> P:
     return near.on_plane(at, np.eye(at.size)[-1])
 
 
-class Between(dict[float, P]):
-    """Points of a step by their share of the way from `a` to `b`, each found once, on a plane across the way."""
+class Between(dict[float, T]):
+    """Points of a step by their share of the way from `a` to `b`, each found once.
 
-    def __init__(self, a: P, b: P) -> None:
+    ``found(before, after, part, share)`` returns the point at a share of the way, which lies a `part` of the way from
+    one known point to the next.
+    """
+
+    def __init__(self, a: T, b: T, found: Callable[[T, T, float, float], T]) -> None:
         super().__init__({0.0: a, 1.0: b})
-        self.way = b.y - a.y
-        self.length = float(np.linalg.norm(self.way))
+        self.found = found
 
-    def __missing__(self, share: float) -> P:
-        near = self[0.0] if share < 0.5 else self[1.0]  # the nearer end
-        self[share] = near.on_plane(self[0.0].y + share * self.way, self.way / self.length)
+    def __missing__(self, share: float) -> T:
+        low, high = max(known for known in self if known < share), min(known for known in self if known > share)
+        self[share] = self.found(self[low], self[high], (share - low) / (high - low), share)
         return self[share]
+
+
+def on_line(a: P, b: P) -> Between[P]:
+    """Return the points of a step on planes across the way from `a` to `b`, each found from the nearer end."""
+    way = b.y - a.y
+    normal = way / float(np.linalg.norm(way))
+    return Between(a, b, lambda _a, _b, _part, share: (a if share < 0.5 else b).on_plane(a.y + share * way, normal))
 
 
 def zero(at: Mapping[float, T], test: Callable[[T], float], known: float, leap: float = LEAP) -> float | None:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from dimersweep.analysis.orbits.map.lost import attempt, require
+from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, require
 from dimersweep.analysis.orbits.map.passage import TURN, Passage
 from dimersweep.errors import KernelError, ParameterError
 from dimersweep.kernel.batch import ask_for
@@ -181,7 +181,10 @@ class ReturnMap:
             self.judged = {name: (*bounds(name, self.parameters), slots_of(name, parameters))}
         low, high, slots = self.judged[name]
         if not low <= value <= high:
-            require(not (why := _refused(parameters)), why)
+            try:
+                check(parameters)
+            except ParameterError as error:
+                raise OrbitLost(str(error)) from error
         moved = copy(self)
         moved.parameters = parameters
         row = self.plain_row.copy() if slots else fill_rows(parameters, 1)[0]
@@ -311,15 +314,6 @@ class ReturnMap:
         status = sample(self.row, segments, which, at, self.rtol, space, no_record(), states, modes, np.zeros((0, 0)))
         _check(status)
         return states, modes
-
-
-def _refused(parameters: dict[str, float]) -> str:
-    """Return why parameters are not allowed, "" if they are."""
-    try:
-        check(parameters)
-    except ParameterError as error:
-        return str(error)
-    return ""
 
 
 def _check(status: int) -> None:
