@@ -214,7 +214,7 @@ def answers(file: str) -> dict[str, tuple[list[Any], float]]:
 def in_process(one: Constant, factor: float, out: Any) -> None:
     """Answer with a number changed."""
     signal.setitimer(signal.ITIMER_PROF, LONGEST)
-    for name in [name for name in sys.modules if name.startswith((ROOM, ATTRACTORS))]:
+    for name in [name for name in sys.modules if name.startswith((ROOM, ATTRACTORS, "dimersweep.orbits"))]:
         del sys.modules[name]
     vars(dimersweep).pop("orbits", None)
     load_changed(one, factor)

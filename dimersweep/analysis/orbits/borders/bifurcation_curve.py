@@ -231,7 +231,8 @@ class BifurcationCurve(Curve):
         def on_way(way: Solution) -> Found:
             return self.taken_up(self._met(way))
 
-        return first_found(partial(each, way) for each in (at_end, on_way)[not orbit.stable :] for way in ways)
+        tried = (at_end, on_way) if orbit.stable else (on_way,)
+        return first_found(partial(each, way) for each in tried for way in ways)
 
     def taken_up(self, event: Event) -> Found:
         """Return the point of the border at a special point of a branch.

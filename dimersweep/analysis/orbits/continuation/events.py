@@ -1,4 +1,4 @@
-"""Event points of a branch: folds, flips, tori, pitchforks, changes of sequence, and among these grazes.
+"""Events on a branch: folds, flips, tori, pitchforks, changes of sequence, and among these grazes.
 
 At a graze an end comes down, turns in the air and just misses the plate. Where the gap at which it turns reaches zero,
 an impact begins, and the map has a square root (Nordmark, doi 10.1016/0022-460X(91)90592-8). On the side of the impact
@@ -207,11 +207,11 @@ class Bracket:
         for _ in range(MOST_CHANGES):
             while (self.high - self.low) * self.length > width:
                 middle = 0.5 * (self.low + self.high)
-                if not self._takes(middle, lambda: self.left):
+                if not self._takes(middle):
                     self.high = middle
             # if no orbit beyond lies right at the end, the branch may go on there: Newton's method may have failed by
             # old derivatives
-            if self._look_beyond() or not self._takes(2 * self.high - self.low, lambda: with_derivatives(self.left)):
+            if self._look_beyond() or not self._takes(2 * self.high - self.low, renewed=True):
                 return
             self.high = self.at_right
 
@@ -226,8 +226,8 @@ class Bracket:
             share, step = share + step, FURTHER * step
         return self.at_right == self.high
 
-    def _takes(self, share: float, from_near: Callable[[], Solution]) -> bool:
-        """Move `left` to the orbit at a share of the step, which is found with the derivatives of a point nearby.
+    def _takes(self, share: float, renewed: bool = False) -> bool:
+        """Move `left` to the orbit at a share of the step, found with its derivatives, which may be `renewed` before.
 
         Return False if there is none whose sequence satisfies `holds`.
         """
@@ -238,7 +238,7 @@ class Bracket:
             return float(normal @ (there - y))
 
         def found() -> Solution:
-            near = from_near()
+            near = with_derivatives(self.left) if renewed else self.left
             return Equations(near, off_plane).solved(y, known=np.vstack([near.derivative(), normal]))[0]
 
         if not (point := attempt(found)):

@@ -204,8 +204,9 @@ def newton(
 ) -> tuple[np.ndarray, Any, np.ndarray, np.ndarray | None]:
     """Find a zero of `f` near `y`.
 
-    A derivative is kept up to date by Broyden's formula, and computed anew only where the steps then converge too
-    slowly.
+    Return the zero, the object that `f` passes on with it, the value there, and the derivative with which the next step
+    would be taken; None if that would be computed anew. A derivative is kept up to date by Broyden's formula, and
+    computed anew only where the steps then converge too slowly.
 
     Parameters
     ----------
@@ -220,13 +221,6 @@ def newton(
         Derivative nearby.
     most : int
         Number of derivatives that may be computed anew.
-
-    Returns
-    -------
-    y, extra, value : ndarray, object, ndarray
-        Zero, and what the function returned there: the object that it is passed on with, and its value, shape (n,).
-    derivative : ndarray, shape (n, n), or None
-        Derivative with which the next step would be taken; None if it would be computed anew.
     """
     r, extra = f(y)
     A, fresh, size = known, False, np.abs(r).max()
