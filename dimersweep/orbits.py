@@ -1,4 +1,7 @@
-"""Give `dimersweep.analysis.orbits` its public name."""
+"""Give `dimersweep.analysis.orbits`, and the edges of basins beside it, their public names."""
 
+from dimersweep.analysis import orbits
+from dimersweep.analysis.attractors.edges import Edge, edge
 from dimersweep.analysis.orbits import *  # noqa: F403 - all that is public there
-from dimersweep.analysis.orbits import __all__  # noqa: F401 - of `import *`, too
+
+__all__ = orbits.__all__ + ["Edge", "edge"]  # noqa: RUF005 - of names only

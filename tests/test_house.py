@@ -5,9 +5,10 @@ import pytest
 from tests.checks import house
 
 # lines; where a change needs more, it says what for
-MOST_LINES = {"engine": 28_300, "analysis": 11_500}
-MOST_FLOORS = {"map": 6, "continuation": 7, "borders": 5, "slow": 4}
-MOST_TYPES = 60  # of orbits
+MOST_LINES = {"engine": 28_450, "analysis": 11_500}
+MOST_FLOORS = {"map": 5, "continuation": 5, "borders": 5, "slow": 4}
+MOST_TYPES = 52  # of orbits
+MOST_LOST = 56  # lines of the package that name OrbitLost
 
 
 @pytest.mark.parametrize(("half", "is_analysis"), [("engine", False), ("analysis", True)])
@@ -33,6 +34,10 @@ def test_one_function_makes_tables_and_one_makes_cubes():
         "analysis/attractors/shares.py": 1,  # likewise
         "analysis/commands/measuring.py": 1,  # a file of measured numbers, of which only the units are known
     }
+
+
+def test_an_orbit_is_lost_in_few_places():
+    assert house.naming("OrbitLost") <= MOST_LOST
 
 
 def test_the_docstring_of_a_function_begins_with_a_verb():

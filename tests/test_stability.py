@@ -422,6 +422,6 @@ def test_the_derivatives_of_an_orbit_map_a_change_of_its_point():
     assert np.abs(fixed.matrix - fixed.matrix.T).max() > 0.1
     for seed in range(3):
         way, step = np.random.default_rng(seed).normal(size=z.size), 2e-5
-        ahead, back = m.image(z + step * way), m.image(z - step * way)
+        ahead, back = m.passage(z + step * way), m.passage(z - step * way)
         np.testing.assert_allclose(fixed.matrix @ way, (ahead.point - back.point) / (2 * step), atol=1e-3)
         assert fixed.gradient @ way == pytest.approx((ahead.spin - back.spin) / m.unit / (2 * step), abs=1e-3)

@@ -20,8 +20,9 @@ from constants_table import FACTORS, Constant, changed, meaning_of, numbers, pri
 
 import dimersweep
 
-ROOM = "dimersweep.analysis.orbits"
+ROOM, ATTRACTORS = "dimersweep.analysis.orbits", "dimersweep.analysis.attractors"
 FOLDER = Path(dimersweep.__file__).parent / "analysis" / "orbits"
+EDGES = FOLDER.parent / "attractors" / "edges.py"  # it follows branches, as the rooms of orbits do
 LONGEST = 60.0  # time of the processor for all answers [s]
 ALIKE = 1e-7  # relative difference of numbers up to which an answer is the same
 JUMP: dict[str, Any] = {"Gamma": 1.3, "beta0": 0.0, "xdot0": 0.0, "periods": 300}
@@ -64,7 +65,7 @@ if there is none any more). What none of them notices is a guard, with the reaso
 def listed() -> list[Constant]:
     """Those that are in the table."""
     found = []
-    for file in sorted(FOLDER.rglob("*.py"), key=lambda file: file.stem):
+    for file in sorted([*FOLDER.rglob("*.py"), EDGES], key=lambda file: file.stem):
         text = file.read_text()
         for name, _, number in numbers(ast.parse(text)):
             if name not in MATHEMATICS:
@@ -77,7 +78,10 @@ def load_changed(one: Constant, factor: float) -> None:
     usual = importlib.machinery.SourceFileLoader.get_code
 
     def get_code(self: Any, fullname: str) -> Any:
-        if not fullname.startswith(ROOM) or fullname.rpartition(".")[2] != one.file.rpartition(".")[2]:
+        if (
+            not fullname.startswith((ROOM, "dimersweep.analysis.attractors.edges"))
+            or fullname.rpartition(".")[2] != one.file.rpartition(".")[2]
+        ):
             return usual(self, fullname)
         path = self.get_filename(fullname)
         tree = ast.parse(self.get_data(path))
@@ -210,7 +214,7 @@ def answers(file: str) -> dict[str, tuple[list[Any], float]]:
 def in_process(one: Constant, factor: float, out: Any) -> None:
     """Answer with a number changed."""
     signal.setitimer(signal.ITIMER_PROF, LONGEST)
-    for name in [name for name in sys.modules if name.startswith(ROOM)]:
+    for name in [name for name in sys.modules if name.startswith((ROOM, ATTRACTORS, "dimersweep.orbits"))]:
         del sys.modules[name]
     vars(dimersweep).pop("orbits", None)
     load_changed(one, factor)

@@ -12,8 +12,8 @@ from time import process_time
 import numpy as np
 
 from dimersweep import orbits, simulate
-from dimersweep.analysis.orbits.map.newton import defect
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
+from dimersweep.analysis.orbits.map.lost import OrbitLost
+from dimersweep.analysis.orbits.map.solution import defect
 
 SPIN = 100.0
 FOLDS = {0.5: 1.04771531, 0.6: 0.78725965, 0.7: 0.55603099}  # Gamma over e
@@ -81,7 +81,7 @@ def closing(m):
     def closes(u, p):
         try:
             own = replace(m, parameters=m.parameters | {"Gamma": float(p)})
-            return defect(own, u, own.image(u), SPIN)
+            return defect(own, u, own.passage(u), SPIN)
         except OrbitLost:
             return np.full(u.size, 1e3)
 

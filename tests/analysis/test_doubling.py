@@ -10,8 +10,8 @@ from dimersweep.analysis.orbits.borders import bifurcation_curve
 from dimersweep.analysis.orbits.borders.bifurcation_curve import DOUBLED_FOLD, BifurcationCurve, doubling
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 from dimersweep.analysis.orbits.map.finding import checked
-from dimersweep.analysis.orbits.map.newton import newton
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
+from dimersweep.analysis.orbits.map.lost import OrbitLost
+from dimersweep.analysis.orbits.map.solution import newton
 
 
 class KnownMap:
@@ -23,7 +23,7 @@ class KnownMap:
 
 
 def fixed_point(m, z):
-    return newton(lambda z: (m.image(z).point - z, None), z, lambda z: m.jacobian(z)[0] - np.eye(z.size), 1e-11).y
+    return newton(lambda z: (m.passage(z).point - z, None), z, lambda z: m.jacobian(z)[0] - np.eye(z.size), 1e-11)[0]
 
 
 @pytest.mark.parametrize(("b", "c"), [(0.7, 0.3), (0.7, -0.9), (0.0, -0.2)])
@@ -66,7 +66,7 @@ def test_the_orbit_of_twice_the_period_leaves_the_flip_as_its_coefficient_says(e
     x = np.sqrt(away / flip.begin.doubling)
     twice = replace(beyond, periods=2)
     two = fixed_point(twice, one + x * v)
-    apart = 0.5 * np.linalg.norm(two - beyond.image(two).point)
+    apart = 0.5 * np.linalg.norm(two - beyond.passage(two).point)
     assert apart == pytest.approx(x * np.linalg.norm(v), rel=0.01)
 
 

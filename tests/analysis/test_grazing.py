@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from dimersweep import names, orbits
-from dimersweep.analysis.orbits.continuation.specials import NO_GAP, least_gap
+from dimersweep.analysis.orbits.continuation.branch import least_gap
+from dimersweep.analysis.orbits.continuation.events import NO_GAP
 from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.errors import OrbitError
 
@@ -13,11 +14,11 @@ LEAP = {"A_r": 7.0, "e": 0.59}  # p1 is so far off the plate that p2 strikes alo
 
 
 def gap_of(orbit):
-    return least_gap(orbit.fixed.map, orbit.fixed.image)
+    return least_gap(orbit.fixed.map, orbit.fixed.passage)
 
 
 def hop_of(orbit):
-    return orbit.fixed.image.passage.hops[0] / TURN
+    return orbit.fixed.passage.hops[0] / TURN
 
 
 @pytest.fixture(scope="module")

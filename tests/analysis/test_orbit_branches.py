@@ -14,7 +14,7 @@ from dimersweep.analysis.orbits.continuation import following
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, COMPLEX, ComplexPair, change_of
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.finding import of_run
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
+from dimersweep.analysis.orbits.map.lost import OrbitLost
 from dimersweep.errors import OrbitError, ParameterError
 from tests.checks.tables import multipliers
 
@@ -74,7 +74,7 @@ def test_no_dimer_stands_steeper_than_it_is_long():
     m = orbits.find(spin=100.0).fixed.map
     z = np.zeros(m.free.size)
     z[0] = 1.5 * m.section.dm.l / m.section.units[0]
-    for asked in (m.state, m.image):
+    for asked in (m.state, m.passage):
         with pytest.raises(OrbitLost, match="steep"):
             asked(z)
 
@@ -206,7 +206,7 @@ def test_below_the_fold_a_run_leaves():
     left = False
     for _ in range(3000):
         try:
-            z = moved.image(z).point
+            z = moved.passage(z).point
         except RuntimeError:
             left = True
             break
@@ -257,7 +257,7 @@ class Tripling(ComplexPair):
     """A kind of border that the package does not have: a complex pair of multipliers turns by a third; its size is unknown."""
 
     def test(self, point):
-        values = np.linalg.eigvals(point.fixed.matrix)
+        values = np.linalg.eigvals(point.matrix)
         pairs = values[values.imag > COMPLEX]
         return self.away(pairs)[np.argmax(np.abs(pairs))] if pairs.size else np.nan
 

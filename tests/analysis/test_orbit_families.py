@@ -6,11 +6,11 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from dimersweep import names, orbits, simulate
-from dimersweep.analysis.orbits.continuation.edges import uncertainty
+from dimersweep.analysis.attractors.edges import uncertainty
 from dimersweep.analysis.orbits.continuation.steps import halved
 from dimersweep.analysis.orbits.map.manifold import lag, slow_motion_of
-from dimersweep.analysis.orbits.map.newton import fixed_at, solve
 from dimersweep.analysis.orbits.map.orbit import orbit_of
+from dimersweep.analysis.orbits.map.solution import fixed_at, solve
 from dimersweep.errors import OrbitError, ParameterError
 from tests.checks.data import data
 
@@ -86,7 +86,7 @@ def test_an_orbit_is_the_same_from_every_section(A_r, spin):
     """At 690 rad/s the fixed points of two sections differ by 2 %, as the spin changes by 0.08 rad/s in a period."""
     told = []
     orbit = orbits.find(A_r=A_r, spin=spin)
-    for m, z in orbit.fixed.map.sections(orbit.fixed.image.passage):
+    for m, z in orbit.fixed.map.sections(orbit.fixed.passage):
         fixed = solve(m, z - lag(fixed_at(m, z)), spin)
         told.append(orbit_of(fixed, slow_motion_of(fixed)))
     assert len(told) > 1

@@ -220,7 +220,7 @@ def test_a_fault_of_the_kernel_is_not_taken_for_a_missing_orbit(monkeypatch, sta
 
 def test_sequences_have_the_states_in_their_order(base):
     assert base.sequence == "DI_sp_sp>DI_sp_sk chatter.1 SC1_sk.1 SC1_sp.1 SC1_sk.1 SC1_sp.1 far.2"
-    assert base.fixed.image.passage.sequence == base.sequence
+    assert base.fixed.passage.sequence == base.sequence
     assert change_of("DI_sp_sp far.2", "DI_sp_sp far.1 far.2").name == "hop"
     assert change_of("DI_sp_sp>DI_sp_sk SC1_sk.1", "DI_sp_sp SC1_sk.1").name == "double_impact"
     assert change_of("DI_sp_sp SC1_sk.1", "DI_sp_sp FM SC1_sk.1").name == "lift_off"

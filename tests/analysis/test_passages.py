@@ -8,8 +8,8 @@ import pytest
 from dimersweep import orbits
 from dimersweep.analysis.orbits.map import poincare
 from dimersweep.analysis.orbits.map.finding import ball_state, checked, first_map
+from dimersweep.analysis.orbits.map.lost import OrbitLost
 from dimersweep.analysis.orbits.map.passage import TURN
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
 from dimersweep.kernel.model.contact_code import digits_of
 from dimersweep.kernel.model.event_row import E_AFTER, E_BEFORE, E_CAUSE, E_KIND, E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import C_START, CA, CB, FREE, IMPACT, N1, PERIOD, PHASE, SPIN, THETA
@@ -87,11 +87,11 @@ def test_images_of_many_points_are_those_of_each(orbit):
     m, z = orbit.fixed.map, orbit.fixed.z
     points = z + 1e-3 * np.random.default_rng(0).normal(size=(5, z.size)) * (np.arange(z.size) != m.slow)
     for own in (m, replace(m, spin=100.0, back=1.0)):
-        each = [own.image(point) for point in points]
+        each = [own.passage(point) for point in points]
         assert (own.images(points) == [[*one.point, one.spin / own.unit] for one in each]).all()
         chain = own.chain(points[0], 3)
-        assert (chain[2].point == own.image(own.image(each[0].point).point).point).all()
-        assert chain[1].passage.sequence == own.image(each[0].point).passage.sequence
+        assert (chain[2].point == own.passage(own.passage(each[0].point).point).point).all()
+        assert chain[1].sequence == own.passage(each[0].point).sequence
 
 
 @pytest.mark.parametrize("back", [0.0, 1.0])
@@ -109,10 +109,10 @@ def test_the_spin_is_put_back_in_each_period(orbit, back, periods):
         state[THETA] = theta
     state[PHASE] = TURN - since
     state, _, passage = m.recorder.run(m.row, state, 1, m.rtol)
-    image = m.image(orbit.fixed.z)
+    image = m.passage(orbit.fixed.z)
     assert image.point == pytest.approx(m.section.point(state)[m.free], abs=1e-13)
     assert (image.spin, image.theta) == pytest.approx((before, state[THETA]), rel=1e-13)
-    assert image.passage.events.shape == passage.events.shape
+    assert image.events.shape == passage.events.shape
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from scipy.optimize import linear_sum_assignment
 
 from dimersweep.analysis.orbits.map.finding import RTOL, at_end, find, orbit_through, settled_on
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.map.poincare import OrbitLost, Recorder
+from dimersweep.analysis.orbits.map.poincare import Recorder
 from dimersweep.analysis.orbits.slow.features import ALIKE_WITHIN, Carried, Features, Mirrors, apart, features_from
 from dimersweep.analysis.orbits.slow.sheets import NEUTRAL
 from dimersweep.analysis.orbits.slow.slow_flow import Cycle, SlowFlow, flow_of
@@ -147,7 +147,7 @@ class Classifier:
         """Return the features of the motion that a start has come to; None if the motion does not repeat."""
         try:
             return features_from(self.parameters(start), end, periods, self.how.rtol, self.recorder, self.mirrors)
-        except OrbitLost:
+        except OrbitError:
             return None
 
     def attractors(self) -> list[Attractor]:
@@ -261,7 +261,7 @@ class Classifier:
         try:
             orbit = find(guess=run_in_line(self.parameters(start), self.how), periods=own.periods)
             carried = Carried(orbit, spins, self.mirrors)
-        except (OrbitError, OrbitLost):
+        except OrbitError:
             return None
         return carried if carried.apart(own) < ALIKE_WITHIN else None
 
@@ -322,7 +322,7 @@ def distance(former: Attractor, later: Attractor, name: str, value: float, mirro
             there = find(guess=orbit, periods=orbit.periods, **{name: value})
             far = Carried(there, [later.features.spin], mirrors).apart(later.features)
             return far if far < ALIKE_WITHIN else float("inf")
-        except (OrbitError, OrbitLost):
+        except OrbitError:
             pass
     same = former.features.sequence == later.features.sequence
     return 1.0 + apart(former.features, later.features, mirrors) if same else float("inf")

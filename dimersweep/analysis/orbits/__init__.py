@@ -10,7 +10,6 @@ Examples
 
 from dimersweep.analysis.orbits.borders.border_grid import border
 from dimersweep.analysis.orbits.borders.plane_curve import border_curve
-from dimersweep.analysis.orbits.continuation.edges import Edge, edge
 from dimersweep.analysis.orbits.continuation.following import follow
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
 from dimersweep.analysis.orbits.map.finding import find
@@ -22,12 +21,10 @@ from dimersweep.analysis.orbits.slow.sustained import sustained
 
 __all__ = [
     "BORDER_KINDS",
-    "Edge",
     "PeriodicOrbit",
     "border",
     "border_curve",
     "centre_drift",
-    "edge",
     "family",
     "find",
     "follow",

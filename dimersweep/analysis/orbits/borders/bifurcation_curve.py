@@ -1,4 +1,4 @@
-"""Curves of bifurcations: folds, flips, tori.
+"""Curves of bifurcations: folds, flips, tori, pitchforks.
 
 At a point of such a curve the orbit closes, and the derivative J of its map has an eigenvector to the multiplier of the
 bifurcation. At a fold J v = v, at a flip J v = -v, at a torus J (v + i w) = exp(i angle) (v + i w) with an unknown
@@ -7,22 +7,24 @@ J with vectors are needed. Each product is a difference of two images, whatever 
 point of a curve to the next the equations change little: each point begins with the derivative of the last one.
 """
 
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import NamedTuple
+from itertools import product
+from typing import ClassVar
 
 import numpy as np
 
 from dimersweep.analysis.orbits.borders.curve import REACH, Curve, Found
-from dimersweep.analysis.orbits.continuation.branch import Axis
+from dimersweep.analysis.orbits.continuation.branch import Equations, with_derivatives
+from dimersweep.analysis.orbits.continuation.events import Event, on_its_border
 from dimersweep.analysis.orbits.continuation.kinds import Bifurcation, change_of
-from dimersweep.analysis.orbits.continuation.specials import Special, on_its_border
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
+from dimersweep.analysis.orbits.map.lost import attempt, first_found, require, singular_lost
 from dimersweep.analysis.orbits.map.manifold import eigenvector
-from dimersweep.analysis.orbits.map.newton import TOLERANCE, fixed_at, newton, target
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import TURN, OrbitLost, ReturnMap, first_found, singular_lost
+from dimersweep.analysis.orbits.map.passage import TURN, Passage
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
+from dimersweep.analysis.orbits.map.solution import TOLERANCE, Axis, Solution, fixed_at, newton, target
 
 # largest residual of the equation of an eigenvector that counts as zero: the products with J are differences over a
 # step of rtol^(1/3), which for an rtol of 1e-12 are right to about 1e-8
@@ -41,7 +43,10 @@ AGREE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class OnBorder:
-    """A point of a border, with the map, the unknowns and the derivative from which the next point is looked for."""
+    """A point of a border, with the map, the unknowns and the derivative from which the next point is looked for.
+
+    It is a type of its own, beside `Solution`, since the eigenvector is among its unknowns.
+    """
 
     map: ReturnMap  # puts the spin back in each forcing period, unless the spin is free
     # section point, rows of the eigenvector, unknown of the multiplier (the angle at a torus), parameter over its scale
@@ -59,10 +64,8 @@ class OnBorder:
     @cached_property
     def doubling(self) -> float:
         """Coefficient of a flip, see the function `doubling`; NaN if an image beside the point is not found."""
-        assert self.matrix is not None
-        with suppress(OrbitLost):
-            return doubling(self.map, self.z, self.matrix)
-        return float("nan")
+        found = attempt(doubling, self.map, self.z, self.matrix)
+        return float("nan") if found is None else found
 
 
 def rotation(value: complex, rows: int) -> np.ndarray:
@@ -96,10 +99,10 @@ class BorderEquations:
         normal = V @ self.normal - np.eye(self.rows)[0]
         return np.concatenate([here - z, self.weight * turned.ravel(), normal]), m
 
-    def derivative(self, u: np.ndarray, around: "Around | None" = None) -> np.ndarray:
-        """Return the derivative of all equations by `u`; the images `around` the section point are reused if given."""
+    def derivative(self, u: np.ndarray, seen: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None) -> np.ndarray:
+        """Return the derivative of all equations by `u`; what is `seen` around the section point is reused if given."""
         z, V, unknown, m = self.parts(u)
-        here, beside, J = Around.of(m, z) if around is None else around
+        here, beside, J = around(m, z) if seen is None else seen
         n, end, step, one = self.n, self.n * (1 + self.rows), m.step, np.eye(self.rows)
         moved, *moved_along = self.axis.map_at(m, u[-1] + step).images(np.array([z, *(z + step * V)]))[:, :n]
         places = z + step * np.eye(n)[:, None] + step * V  # from each neighbour along each row of the eigenvector
@@ -119,43 +122,36 @@ class BorderEquations:
     def solved(self, u: np.ndarray, derivative: np.ndarray | None) -> OnBorder:
         """Return the point of the border near the guess `u` by Newton's method, which begins with a derivative nearby.
 
-        Raise OrbitLost if the method does not converge, or goes further than `REACH`.
+        It goes no further than `REACH`.
         """
 
         def residual(there: np.ndarray) -> tuple[np.ndarray, ReturnMap]:
-            if np.abs(there - u)[[*range(self.n), -1]].max() > REACH:
-                raise OrbitLost(f"Newton's method for the {self.kind.name} goes too far")
+            far = np.abs(there - u)[[*range(self.n), -1]].max()
+            require(far <= REACH, f"Newton's method for the {self.kind.name} goes too far")
             return self.value(there)
 
-        root = newton(residual, u, self.derivative, target(self.m, self.axis.spin is None), derivative)
-        return OnBorder(root.extra, root.y, self.normal, root.derivative, float(np.abs(root.value[: self.n]).max()))
+        free = self.axis.spin is None
+        u, m, left, latest = newton(residual, u, self.derivative, target(self.m, free), derivative)
+        return OnBorder(m, u, self.normal, latest, float(np.abs(left[: self.n]).max()))
 
 
-class Around(NamedTuple):
-    """The images of a point and of its neighbours a step ahead along each coordinate, with the derivative J."""
+def around(m: ReturnMap, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the images of a point, shape (n,), and of its neighbours a step ahead along each coordinate, and J.
 
-    here: np.ndarray  # image of the point, shape (n,)
-    beside: np.ndarray  # images of the neighbours, one row each, shape (n, n)
-    J: np.ndarray  # shape (n, n)
-
-    @classmethod
-    def of(cls, m: ReturnMap, z: np.ndarray) -> "Around":
-        """Compute the images around a point. J is taken to one side, which is enough for steps of Newton's method."""
-        here, *beside = m.images(np.array([z, *(z + m.step * np.eye(z.size))]))[:, : z.size]
-        return cls(here, np.array(beside), (np.array(beside) - here).T / m.step)
+    The neighbours have a row each. J is taken to one side, which is enough for steps of Newton's method.
+    """
+    here, *beside = m.images(np.array([z, *(z + m.step * np.eye(z.size))]))[:, : z.size]
+    return here, np.array(beside), (np.array(beside) - here).T / m.step
 
 
 @singular_lost()
 def on_border(kind: Bifurcation, axis: Axis, m: ReturnMap, y: np.ndarray) -> OnBorder:
-    """Return the point of a border near an orbit, whose section point and parameter over its scale are in `y`.
-
-    Raise OrbitLost if Newton's method does not converge to one.
-    """
-    around = Around.of(axis.map_at(m, y[-1]), y[:-1])
-    V, unknown = kind.begin(around.J)
+    """Return the point of a border near an orbit, whose section point and parameter over its scale are in `y`."""
+    seen = around(axis.map_at(m, y[-1]), y[:-1])
+    V, unknown = kind.begin(seen[2])
     u = np.concatenate([y[:-1], V.ravel(), unknown, y[-1:]])
     system = BorderEquations(kind, axis, m, V[0] / (V[0] @ V[0]))
-    return system.solved(u, system.derivative(u, around))
+    return system.solved(u, system.derivative(u, seen))
 
 
 @singular_lost()
@@ -171,7 +167,7 @@ def doubling(m: ReturnMap, z: np.ndarray, matrix: np.ndarray) -> float:
 
     All fixed points of `m` must close, as those of the map of the fast part alone do. `z` is the fixed point at the
     flip, shape (n,), and `matrix` is J there. Return NaN where contacts change so near that the map has no such
-    derivatives. Raise OrbitLost if an image beside the point is not found.
+    derivatives.
     """
     v, w = (eigenvector(J, -1) for J in (matrix, matrix.T))
     v = v / np.linalg.norm(v)
@@ -202,11 +198,14 @@ class BifurcationCurve(Curve):
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
         old: OnBorder = near[0].begin
         m = replace(old.map, parameters=given)
-        for back in (m.back, *(other for other in BACK if other != m.back)):
-            for u in (self.extrapolated(near), old.y)[: len(near)]:
-                with suppress(OrbitLost):
-                    return self.at(self.system(replace(m, back=back), near[0]).solved(u, old.derivative))
-        raise OrbitLost(f"no {self.kind.name} is found from its neighbour")
+
+        def found(back: float, u: np.ndarray) -> Found:
+            return self.at(self.system(replace(m, back=back), near[0]).solved(u, old.derivative))
+
+        backs = (m.back, *(other for other in BACK if other != m.back))
+        guesses = (self.extrapolated(near), old.y)[: len(near)]
+        ways = (partial(found, *each) for each in product(backs, guesses))
+        return first_found(ways, f"no {self.kind.name} is found from its neighbour")
 
     def between(self, a: Found, b: Found, part: float) -> Found:
         """Return a neighbour of the point that lies a `part` of the way from `a` to `b`.
@@ -220,52 +219,58 @@ class BifurcationCurve(Curve):
     def _from(self, orbit: PeriodicOrbit) -> Found:
         """Return the first point of the border met along the branch through an orbit, to either side.
 
-        If the orbit is stable, a point at which its stability ends is preferred. Raise OrbitLost if none is met.
+        If the orbit is stable, a point at which its stability ends is preferred.
         """
         ways = self._ways(orbit)
-        for way in ways if orbit.stable else ():
-            with suppress(OrbitLost):
-                if (end := stability_end(way)).kind is self.kind:
-                    return self.taken_up(end)
-        return first_found(partial(lambda way: self.taken_up(self._met(way)), way) for way in ways)
 
-    def taken_up(self, special: Special) -> Found:
+        def at_end(way: Solution) -> Found:
+            end = stability_end(way)
+            require(end.kind is self.kind, "another kind ends the stability")
+            return self.taken_up(end)
+
+        def on_way(way: Solution) -> Found:
+            return self.taken_up(self._met(way))
+
+        tried = (at_end, on_way) if orbit.stable else (on_way,)
+        return first_found(partial(each, way) for each in tried for way in ways)
+
+    def taken_up(self, event: Event) -> Found:
         """Return the point of the border at a special point of a branch.
 
         At a fold the bouncer strikes at about the phase at which the spin is put back. If both coincide, the next phase
-        of `BACK` is taken. Raise OrbitLost if no phase leads to a point.
+        of `BACK` is taken.
         """
 
         def with_back(back: float) -> Found:
-            m = replace(special.point.map, spin=self.axis.spin, back=back)
-            return self.at(on_border(self.kind, self.axis, m, special.point.y))
+            m = replace(event.solution.map, spin=self.axis.spin, back=back)
+            return self.at(on_border(self.kind, self.axis, m, event.solution.y))
 
         return first_found(partial(with_back, back) for back in BACK)
 
     @singular_lost()
     def at(self, at: OnBorder) -> Found:
-        """Return a point of the border in a section that suits the next point; raise OrbitLost at a kink of the map."""
+        """Return a point of the border in a section that suits the next point."""
 
         def make(own: ReturnMap, z: np.ndarray) -> OnBorder:
             same_spin = replace(own, spin=self.axis.spin, back=at.map.back)
             return on_border(self.kind, self.axis, same_spin, np.append(z, at.y[-1]))
 
         plain = replace(at.map, spin=None)
-        image = plain.image(at.z)
-        moved = plain.in_own_section(at, image.passage, make)
+        passage = plain.passage(at.z)
+        moved = plain.in_own_section(at, passage, make)
         if moved is not at:
             at, plain = moved, replace(moved.map, spin=None)
-            image = plain.image(at.z)
+            passage = plain.passage(at.z)
         matrix, _ = at.map.jacobian(at.z)
-        orbit = orbit_of(fixed_at(plain, at.z, image, at.residual))
+        orbit = orbit_of(fixed_at(plain, at.z, passage, at.residual))
         if not self.sustained:
             fast = np.linalg.eigvals(matrix).astype(complex)
             # the last one is 0: that of the spin, which is put back
             fast = fast[np.argsort(-np.abs(fast), kind="stable")][:-1]
             orbit = replace(orbit, multipliers=fast)
         values = self.multipliers(orbit)
-        if not values.size or np.abs(self.kind.away(values)).min() > KINK:
-            raise OrbitLost(f"the map has a kink where a {self.kind.name} is looked for")
+        smooth = values.size and np.abs(self.kind.away(values)).min() <= KINK
+        require(smooth, f"the map has a kink where a {self.kind.name} is looked for")
         value = float(at.y[-1] * self.axis.scale)
         orbit = on_its_border(self.kind, orbit, self.sustained)
         return Found(orbit, value, replace(at, matrix=matrix), loses=self.kind.is_all(values))
@@ -288,3 +293,42 @@ class BifurcationCurve(Curve):
     def is_sure(self, found: Found) -> bool:
         """Return True where a stable orbit loses its stability: a search along a branch prefers such a point, too."""
         return found.loses
+
+
+class PitchforkCurve(Curve):
+    """A curve along which a motion in a plane begins or ceases to attract motions with a spin: see `Curve`.
+
+    All its points have spin 0. Beside the equations of the orbit, one more holds: a small spin does not grow.
+    """
+
+    in_plane: ClassVar = True
+
+    def _from(self, orbit: PeriodicOrbit) -> Found:
+        ways = self._ways(orbit)
+        self._check_smooth(ways[0])
+        return self._found(first_found(partial(self._met, way) for way in ways).solution)
+
+    def _next(self, given: dict[str, float], near: list[Found]) -> Found:
+        old: Solution = near[0].begin
+        equations = self.system(replace(old.map, parameters=given | {self.parameter: old.value}), near[0])
+
+        def found(u: np.ndarray) -> Found:
+            return self._found(with_derivatives(equations.solved(u, equations.derivative)[0]))
+
+        guesses = (self.extrapolated(near), old.y)
+        return first_found((partial(found, u) for u in guesses), "no pitchfork is found from its neighbour")
+
+    def _check_smooth(self, at: Solution) -> None:
+        uneven = "an end slips through the turn of its slip: beside the plane the drift is not smooth"
+        require(self.kind.holds(at), uneven)
+
+    def _found(self, at: Solution) -> Found:
+        self._check_smooth(at)
+        return Found(orbit_of(at), at.value, at.settled(), loses=self.kind.is_all(at.multipliers))
+
+    def system(self, m: ReturnMap, near: Found) -> Equations:
+        at = near.begin
+        return Equations(at.on_map(m), lambda _, m, passage: self.kind.mark(m, passage))
+
+    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Passage], near: Found) -> Found:
+        return self._found(with_derivatives(self.system(extra[0], near).point(u, extra)))

@@ -3,18 +3,21 @@
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence, Set
 from contextlib import suppress
+from functools import partial
 from itertools import groupby, product, takewhile
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.borders.curve import Curve, Found, Place, shortened
+from dimersweep.analysis.orbits.borders.curve import Curve, Found, meetings, shortened
 from dimersweep.analysis.orbits.borders.curves import asked
+from dimersweep.analysis.orbits.continuation.steps import Between
 from dimersweep.analysis.orbits.map.finding import RTOL
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
 from dimersweep.cubes.cube import Column, column, finished, fixed_coordinates, over_grid, table
 from dimersweep.errors import KernelError, OrbitError, ParameterError
+from dimersweep.parameters import value_of
 from dimersweep.symbols import PARAMETERS
 
 Index = tuple[int, ...]  # place of a point of a grid: its number along each axis
@@ -151,13 +154,26 @@ class GridWalk:
                 del self.found[at], self.begun_at[at]
         self._enter(end, alone, end)
 
-    def meetings(self) -> Iterator[tuple[Place, str]]:
-        """Yield the places where the curve meets other borders along the last axis, with the names of both borders."""
-        places = {at: Place(self.curve, one, np.array([*self._values(at).values()])) for at, one in self.found.items()}
-        for at, a in places.items():
-            if b := places.get(_moved(at, len(at) - 1, 1)):
-                known = MEETING * max(1.0, abs(b.y[-1])) / (abs(b.y[-1] - a.y[-1]) or 1.0)
-                yield from a.special(b, known)
+    def meetings(self) -> Iterator[tuple[Found, str]]:
+        """Yield the points where the curve meets other borders along the last axis, with the names of both borders."""
+        for index, a in self.found.items():
+            if b := self.found.get(beside := _moved(index, len(index) - 1, 1)):
+                begin, end = (np.array([*self._values(at).values()]) for at in (index, beside))
+                known = MEETING * max(1.0, abs(end[-1])) / (abs(end[-1] - begin[-1]) or 1.0)
+
+                def found(
+                    before: Found,
+                    after: Found,
+                    part: float,
+                    share: float,
+                    begin: np.ndarray = begin,
+                    end: np.ndarray = end,
+                ) -> Found:
+                    values = dict(zip(self.axes, (begin + share * (end - begin)).tolist(), strict=True))
+                    return self.curve.point(values, [self.curve.between(before, after, part)], None)
+
+                tests = partial(Curve.tests, self.curve)
+                yield from meetings(self.curve, Between(a, b, found), tests, self.curve.state, known)
 
     def told(self) -> dict[Index, str]:
         """Return the status of each point: for a missing point, why it was not found."""
@@ -269,14 +285,15 @@ def _dataset(walk: GridWalk) -> xr.Dataset:
     """Return the points of a curve over its grid, and its meetings, as labelled data."""
     curve, axes, rows = walk.curve, walk.axes, list(walk.found.values())
     cost = Column("cost", "forcing periods of the map that the point took", [float(one.cost) for one in rows])
+    met = list(walk.meetings())
     found = curve.table(rows, "found", (cost, *curve.columns(rows)))
     result = xr.Dataset(coords={name: column(name, values, PARAMETERS[name]) for name, values in axes.items()})
     result = result.assign(over_grid(found, list(walk.found), tuple(axes), walk.shape))
     told = walk.told()
     said = [told[index] for index in np.ndindex(walk.shape)]
     result["status"] = column(tuple(axes), np.reshape(said, walk.shape), FOUND_HOW)
-    met = list(walk.meetings())
-    where = np.array([[*place.y, place.found.value] for place, _ in met]).reshape(-1, len(axes) + 1)
+    places_met = [[*(value_of(name, one.orbit.parameters) for name in axes), one.value] for one, _ in met]
+    where = np.array(places_met).reshape(-1, len(axes) + 1)
     columns = []
     for name, places in zip((*axes, curve.parameter), where.T, strict=True):
         quantity = PARAMETERS[name]._replace(long_name=f"{PARAMETERS[name].long_name} where two borders meet")

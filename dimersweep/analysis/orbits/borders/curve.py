@@ -1,25 +1,27 @@
 """A border as a curve: its first points are found on branches of orbits, the others by steps from point to point."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import takewhile
 from math import pi
-from typing import Any, ClassVar, NamedTuple, Self, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.continuation.branch import Axis, Point, point_of
+from dimersweep.analysis.orbits.continuation.branch import point_of
+from dimersweep.analysis.orbits.continuation.events import MOST_CHANGES, Event, events_in
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, COMPLEX
-from dimersweep.analysis.orbits.continuation.specials import MOST_CHANGES, Special, specials
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps, zero
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.finding import orbit_at
+from dimersweep.analysis.orbits.map.lost import OrbitLost
 from dimersweep.analysis.orbits.map.orbit import DOUBLING, PeriodicOrbit, dataset
 from dimersweep.analysis.orbits.map.passage import Sides, far_ends
-from dimersweep.analysis.orbits.map.poincare import OrbitLost, Recorder, ReturnMap
+from dimersweep.analysis.orbits.map.poincare import Recorder, ReturnMap
+from dimersweep.analysis.orbits.map.solution import Axis, Solution, without_drift
 from dimersweep.cubes.cube import Column
 from dimersweep.errors import OrbitError
 from dimersweep.parameters import value_of
@@ -31,11 +33,14 @@ REACH = 0.3
 HALVINGS = 4  # times that a step from one point of a curve to the next is halved at most
 
 
-PlaceLike = TypeVar("PlaceLike", bound="Place")
+T = TypeVar("T")
 
 
 class Found(NamedTuple):
-    """A point of a border: its orbit, the value of the parameter, and the start of the search for the next point."""
+    """A point of a border: its orbit, the value of the parameter, and the start of the search for the next point.
+
+    It is a type of its own, beside `Solution` and `Event`, since it is a row: one point may stand for several changes.
+    """
 
     orbit: PeriodicOrbit
     value: float  # value of the parameter that is solved for
@@ -151,7 +156,7 @@ class Curve(ABC):
     def system(self, m: ReturnMap, near: Found) -> Any:
         """Return the equations of the border near a point, with a map at other parameters.
 
-        They have the methods `value` and `derivative`. Raise OrbitLost if the border has no equations there.
+        They have the methods `value` and `derivative`.
         """
         raise NotImplementedError
 
@@ -171,7 +176,7 @@ class Curve(ABC):
     # --- from one point to the next --------------------------------------------------------------------------------
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
-        """Find the point one step from neighbours, which are in one section; raise OrbitLost if it is not found."""
+        """Find the point one step from neighbours, which are in one section."""
         raise NotImplementedError
 
     def _stepped(self, given: dict[str, float], near: list[Found]) -> Found:
@@ -179,23 +184,23 @@ class Curve(ABC):
 
         Steps are not made longer on the way: a curve that ends there would be tried in vain again and again.
         """
-        try:
-            return self._next(given, list(takewhile(near[0].alike, near)))
-        except OrbitLost:
-            return self._by_halves(given, near[0], HALVINGS)
+        return self._in_halves(given, list(takewhile(near[0].alike, near)), HALVINGS)
 
-    def _by_halves(self, given: dict[str, float], near: Found, depth: int) -> Found:
-        """Find the point from a neighbour by way of the middle; each half is halved again, up to `depth` times."""
-        known = near.orbit.parameters
+    def _in_halves(self, given: dict[str, float], near: list[Found], halvings: int) -> Found:
+        """Find the point from neighbours or, if it is lost, from the nearest one by way of the middle.
+
+        Each half is found in the same way; after `halvings` more halves are not halved again.
+        """
+        try:
+            return self._next(given, near)
+        except OrbitLost:
+            if halvings < 0:
+                raise
+        known, one = near[0].orbit.parameters, near[0]
         middle = {name: 0.5 * (value + known.get(name, value)) for name, value in given.items()}
         for target in (middle, given):
-            try:
-                near = self._next(target, [near])
-            except OrbitLost:
-                if depth == 0:
-                    raise
-                near = self._by_halves(target, near, depth - 1)
-        return near
+            one = self._in_halves(target, [one], halvings - 1)
+        return one
 
     def between(self, a: Found, b: Found, part: float) -> Found:
         """Return a neighbour of the point that lies a `part` of the way from `a` to `b`: by default `a`."""
@@ -226,28 +231,28 @@ class Curve(ABC):
 
     @abstractmethod
     def _from(self, orbit: PeriodicOrbit) -> Found:
-        """Return the point of the border on the branch through an orbit; raise OrbitLost if there is none."""
+        """Return the point of the border on the branch through an orbit."""
 
-    def _met(self, way: Point) -> Special:
-        """Return the first special point of this kind along a branch; raise OrbitLost if there is none."""
+    def _met(self, way: Solution) -> Event:
+        """Return the first special point of this kind along a branch."""
         for a, b, _ in steps(way, SEARCHING):
-            for special in self._specials(a, b)[0]:
-                if self._is_met(special):
-                    return special
+            for event in self._events(a, b)[0]:
+                if self._is_met(event):
+                    return event
         raise OrbitLost(f"none within {SEARCHING.tries} points of the branch")
 
-    def _specials(self, a: Point, b: Point) -> tuple[list[Special], Any]:
+    def _events(self, a: Solution, b: Solution) -> tuple[list[Event], Any]:
         """Return the special points of a step of a branch, and the change of sequence at which it leaps, if it does."""
-        return specials(a, b, sequences=False)
+        return events_in(a, b, sequences=False)
 
-    def _is_met(self, special: Special) -> bool:
+    def _is_met(self, event: Event) -> bool:
         """Return True if a special point of a branch is a point of this border."""
-        return special.kind is self.kind
+        return event.kind is self.kind
 
-    def _ways(self, orbit: PeriodicOrbit) -> list[Point]:
+    def _ways(self, orbit: PeriodicOrbit) -> list[Solution]:
         """Return the first point of the branch through an orbit, once for each sense in which to search."""
-        fixed = orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=self.recorder))
-        begin = point_of(self.axis, self.axis.taken_up(fixed), value_of(self.parameter, orbit.parameters))
+        fixed = orbit.fixed.on_map(replace(orbit.fixed.map, recorder=self.recorder))
+        begin = point_of(self.axis, without_drift(fixed, self.axis), value_of(self.parameter, orbit.parameters))
         return [begin._replace(tangent=sense * begin.tangent) for sense in self.kind.senses]
 
     def _starts(
@@ -265,7 +270,7 @@ class Curve(ABC):
         for at in self._places(given):
             try:
                 orbit = orbit_at(given | at, self.spin, rtol=self.rtol)
-                self.axis.taken_up(orbit.fixed)
+                without_drift(orbit.fixed, self.axis)
             except OrbitError as reason:
                 reasons.append(str(reason))
                 continue
@@ -292,57 +297,27 @@ class Curve(ABC):
             yield {self.parameter: low + share * wide}
 
 
-@dataclass(frozen=True)
-class Place:
-    """A point of a curve whose `y` has the values of the other parameters: see `continuation.steps.OnPlanes`."""
+def meetings(
+    curve: Curve, at: Between[T], tests: Callable[[T], dict[str, float]], state: Callable[[T], str], known: float
+) -> list[tuple[T, str]]:
+    """Return the points of a step at which the curve meets other borders or turns round, in their order, each with its name.
 
-    curve: Curve
-    found: Found
-    y: np.ndarray
-
-    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
-        """Return the point at other values `y` of the other parameters."""
-        found = self.curve.point(dict(zip(self.curve.over, y.tolist(), strict=True)), [self.found], None)
-        return replace(self, found=found, y=y)
-
-    def towards(self, other: Self, part: float) -> Self:
-        """Return the place with the neighbour from which a point a `part` of the way to `other` is looked for."""
-        return replace(self, found=self.curve.between(self.found, other.found, part))
-
-    def tests(self) -> dict[str, float]:
-        """Return functions that change their sign where the curve meets another border or turns round, by its name."""
-        return Curve.tests(self.curve, self.found)
-
-    def special(self, b: Self, known: float) -> list[tuple[Self, str]]:
-        """Return the places up to the point `b` at which the curve meets other borders or turns round, in their order.
-
-        Each place is located to `known`, a share of the way. A place that cannot be located so well is left out.
-        """
-        at, low = Onward(self, b), 0.0
-
-        def zero_of(name: str) -> float | None:
-            return zero(at, lambda place: place.tests()[name], known)
-
-        def state(share: float) -> str:
-            return self.curve.state(at[share].found)
-
-        found = [(share, name) for name in self.tests() if (share := zero_of(name)) is not None]
-        while (before := state(low)) != state(1.0) and len(found) < MOST_CHANGES:
-            beyond = min(share for share in at if share > low and state(share) != before)
-            last, low = halved(state, low, beyond, known)
-            if low - last > known:
-                break
-            found.append((last, self.curve.passed(before, state(low))))
-        return [(at[share], name) for share, name in sorted(found)]
-
-
-class Onward(Between[PlaceLike]):
-    """The points of a step of a border by their share of the way, each found from the last known point before it.
-
-    The equations of that point are nearly those of the new one.
+    There a function of `tests` changes its sign, or the `state` changes. A point is located to `known`, a share of
+    the way; one that cannot be located so well is left out.
     """
+    low = 0.0
 
-    def near(self, share: float) -> PlaceLike:
-        """Return the point from which the point at a share of the way is looked for."""
-        low, high = max(known for known in self if known < share), min(known for known in self if known > share)
-        return self[low].towards(self[high], (share - low) / (high - low))
+    def zero_of(name: str) -> float | None:
+        return zero(at, lambda point: tests(point)[name], known)
+
+    def state_at(share: float) -> str:
+        return state(at[share])
+
+    found = [(share, name) for name in tests(at[0.0]) if (share := zero_of(name)) is not None]
+    while (before := state_at(low)) != state_at(1.0) and len(found) < MOST_CHANGES:
+        beyond = min(share for share in at if share > low and state_at(share) != before)
+        last, low = halved(state_at, low, beyond, known)
+        if low - last > known:
+            break
+        found.append((last, curve.passed(before, state_at(low))))
+    return [(at[share], name) for share, name in sorted(found)]

@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
-from dimersweep.analysis.orbits.borders.bifurcation_curve import BifurcationCurve
+from dimersweep.analysis.orbits.borders.bifurcation_curve import BifurcationCurve, PitchforkCurve
 from dimersweep.analysis.orbits.borders.curve import Curve
-from dimersweep.analysis.orbits.borders.pitchfork_curve import PitchforkCurve
 from dimersweep.analysis.orbits.borders.sequence_curve import SequenceCurve
 from dimersweep.analysis.orbits.borders.stability_curve import StabilityCurve
 from dimersweep.analysis.orbits.continuation.kinds import (

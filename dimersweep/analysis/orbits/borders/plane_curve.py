@@ -12,15 +12,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.borders.curve import Curve, Found, Place
+from dimersweep.analysis.orbits.borders.curve import Curve, Found, meetings
 from dimersweep.analysis.orbits.borders.curves import asked
-from dimersweep.analysis.orbits.continuation.branch import Axis
 from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS
-from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, SAME_WAY, steps
+from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, SAME_WAY, Between, steps
 from dimersweep.analysis.orbits.map.finding import RTOL
-from dimersweep.analysis.orbits.map.newton import newton, target
+from dimersweep.analysis.orbits.map.lost import OrbitLost, require, singular_lost
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.map.poincare import OrbitLost, singular_lost
+from dimersweep.analysis.orbits.map.solution import Axis, newton, target
 from dimersweep.cubes.cube import Column, finished
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, pair_of
@@ -33,23 +32,26 @@ CHANGE_LOCATED = 1e-7  # accuracy of meetings and turns, as a share of a step
 
 
 @dataclass(frozen=True)
-class InPlane(Place):
+class InPlane:
     """A point of a border in the plane of two parameters, from which steps are taken: see `continuation.steps.OnCurve`.
 
-    Its last two unknowns, `y[-2]` and `y[-1]`, are the first and the second parameter over their scales.
+    It is a type of its own, beside `Solution`, since the problem that it solves is that of any border: its last two
+    unknowns, `y[-2]` and `y[-1]`, are the first and the second parameter over their scales.
     """
 
+    curve: Curve
+    found: Found
+    y: np.ndarray
     other: Axis  # the second parameter
     near: Found  # the point with whose equations, and in whose section, this one was found
     tangent: np.ndarray  # tangent of the curve, of length one, shape (n + 1,)
     slope: np.ndarray | None = None  # derivative of all equations at `y`, shape (n, n + 1)
 
     def judge(self, to: "InPlane", step: float) -> None:
-        """Raise OrbitLost for a step over which the curve turns too far, or to a point at a kink of the map."""
-        if np.linalg.norm(to.y - self.y) > step / SAME_WAY or self.tangent @ to.tangent < SAME_WAY:
-            raise OrbitLost("the curve turns too sharply")
-        if step >= SHORT_ARC and _at_kink(to.found):
-            raise OrbitLost("the map has a kink there")
+        """Require that the curve turns little over a step, and that it does not come to a kink of the map."""
+        near = np.linalg.norm(to.y - self.y) <= step / SAME_WAY
+        require(near and self.tangent @ to.tangent >= SAME_WAY, "the curve turns too sharply")
+        require(step < SHORT_ARC or not _at_kink(to.found), "the map has a kink there")
 
     def elsewhere(self) -> "tuple[InPlane, ...]":
         """Return no points: a point of a border is in the section that suits it already."""
@@ -75,13 +77,9 @@ class InPlane(Place):
             return np.vstack([self._derivative(there), normal])
 
         known = None if self.slope is None else np.vstack([self.slope, normal])
-        root = newton(value, y, derivative, target(self.near.begin.map, self.curve.sustained), known)
-        found = self.curve.made(root.y[:-1], root.extra, self.near)
-        return replace(self, found=found, y=root.y)._tangential(self.tangent)
-
-    def towards(self, other: "InPlane", part: float) -> "InPlane":
-        """Return the point itself: points of a step are looked for on planes across the line between its ends."""
-        return self
+        y, extra, _, _ = newton(value, y, derivative, target(self.near.begin.map, self.curve.sustained), known)
+        found = self.curve.made(y[:-1], extra, self.near)
+        return replace(self, found=found, y=y)._tangential(self.tangent)
 
     def _system(self, y: np.ndarray) -> Any:
         """Return the equations of the border at the second parameter of `y`."""
@@ -107,6 +105,18 @@ class InPlane(Place):
         turns = {f"turn {self.curve.parameter}": self.tangent[-2], f"turn {self.other.name}": self.tangent[-1]}
         return self.curve.tests(self.found) | turns
 
+    def meetings(self, b: "InPlane") -> "list[tuple[InPlane, str]]":
+        """Return the points up to `b` at which the curve meets other borders or turns round, with the names of these."""
+        way = b.y - self.y
+
+        def found(before: InPlane, _: InPlane, part: float, share: float) -> InPlane:
+            return before.on_plane(self.y + share * way, way / np.linalg.norm(way))
+
+        def state(at: InPlane) -> str:
+            return self.curve.state(at.found)
+
+        return meetings(self.curve, Between(self, b, found), InPlane.tests, state, CHANGE_LOCATED)
+
     def to_end(self, span: tuple[float, float], points: int) -> "tuple[list[tuple[InPlane, str]], str]":
         """Follow the curve from this point on: return the points, and why the curve ends.
 
@@ -116,7 +126,7 @@ class InPlane(Place):
         edges = {value / self.other.scale: value for value in span}
         try:
             for a, b, edge in islice(steps(self, FOLLOWING, tuple(edges)), points):
-                rows += [*a.special(b, CHANGE_LOCATED), (b, "")]
+                rows += [*a.meetings(b), (b, "")]
                 if edge is not None:
                     return rows, f"{self.other.name} = {edges[edge]:g} is reached"
         except OrbitLost as reason:
@@ -131,7 +141,7 @@ def _at_kink(found: Found) -> bool:
     """
     fixed = found.orbit.fixed
     steps = 2 * fixed.map.step * np.eye(fixed.z.size)
-    sequences = (fixed.map.image(fixed.z + d).passage.sequence for d in (0.0, *steps, *-steps))
+    sequences = (fixed.map.passage(fixed.z + d).sequence for d in (0.0, *steps, *-steps))
     return len({sequence.split(" far")[0] for sequence in sequences}) > 1
 
 

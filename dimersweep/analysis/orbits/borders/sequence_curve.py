@@ -6,7 +6,6 @@ enclosed between two orbits.
 """
 
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import takewhile
@@ -15,23 +14,17 @@ from typing import ClassVar, cast
 import numpy as np
 
 from dimersweep.analysis.orbits.borders.curve import REACH, Curve, Found
-from dimersweep.analysis.orbits.continuation.branch import Equations, Mark, Point, lent, with_derivatives
+from dimersweep.analysis.orbits.continuation.branch import Equations, grazes, least_gap, lent, with_derivatives
+from dimersweep.analysis.orbits.continuation.events import MOST_CHANGES, Event, events_in, graze, last_with
 from dimersweep.analysis.orbits.continuation.kinds import ANY_CHANGE, COMPLEX, FLIP, FOLD, change_of
-from dimersweep.analysis.orbits.continuation.specials import (
-    MOST_CHANGES,
-    Special,
-    graze,
-    last_with,
-    least_gap,
-    specials,
-)
 from dimersweep.analysis.orbits.continuation.stability_end import across, beyond_gap, is_stable, last_that
-from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, steps
-from dimersweep.analysis.orbits.map.manifold import lag, multipliers_of
-from dimersweep.analysis.orbits.map.newton import defect, system
+from dimersweep.analysis.orbits.continuation.steps import SEARCHING, on_line, steps
+from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, first_found, require, singular_lost
+from dimersweep.analysis.orbits.map.manifold import lag
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.passage import Sides, far_ends, rests, sides_of
-from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap, first_found, singular_lost
+from dimersweep.analysis.orbits.map.passage import Passage, Sides, far_ends, rests, sides_of
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
+from dimersweep.analysis.orbits.map.solution import Mark, Solution, defect, multipliers_of, system
 from dimersweep.cubes.cube import Column
 
 # half widths of the bracket of a change of sequence, in the parameter over its scale: the greatest and the least one,
@@ -55,19 +48,19 @@ MOST_DERIVATIVES = 3  # new derivatives at a point: where Newton's method needs 
 TANGENT_SHARE = 1e-3  # part of the way to the next point, over which the derivative along it is taken
 
 
-def comes_to_rest(point: Point) -> bool:
+def comes_to_rest(point: Solution) -> bool:
     """Return True if an end stays on the plate for a part of the period."""
     return rests(point.sequence)
 
 
-def crept(at: Point, mark: Mark) -> float:
+def crept(at: Solution, mark: Mark) -> float:
     """Return the parameter at which a mark of the slowly drifting motion is zero, near a fixed point with a zero mark.
 
     The fixed point depends on the section, the drifting motion does not (see `manifold`).
     """
     along = cast(np.ndarray, at.mark_slope) @ at.tangent / at.tangent[-1]
-    of_motion = mark(at.map, at.map.image(at.fixed.z + lag(at.fixed)))
-    return float(at.value - at.axis.scale * (of_motion - mark(at.map, at.fixed.image)) / along)
+    of_motion = mark(at.map, at.map.passage(at.z + lag(at)))
+    return float(at.value - at.axis.scale * (of_motion - mark(at.map, at.passage)) / along)
 
 
 def _has_turned(orbit: PeriodicOrbit) -> bool:
@@ -110,33 +103,38 @@ class SequenceCurve(Curve):
         ways = self._ways(orbit)
         if not comes_to_rest(ways[0]):
             return self._taken_up(first_found(partial(self._met, way) for way in ways))
-        changes = [special for way in ways for special in self._changes(way)]
+        changes = [event for way in ways for event in self._changes(way)]
         if not changes and orbit.stable and far_ends(orbit.sequence) == 1:
             return self._to_pieces(ways)
-        if not changes:
-            raise OrbitLost(f"no {self.kind.name} is met")
+        require(changes, f"no {self.kind.name} is met")
         kept: list[Found] = []
         for found in map(self._taken_up, changes):
             if all(abs(found.value - other.value) > SAME_CHANGE * self.axis.scale for other in kept):
                 kept.append(found)
         return kept[0]._replace(others=tuple(kept[1:]))
 
-    def _taken_up(self, special: Special) -> Found:
+    def _taken_up(self, event: Event) -> Found:
         """Return the point of the border at a special point of a branch."""
-        at, sides = special.point, sides_of(*special.sequences, self.kind.begins)
-        smooth = special.jump < NO_JUMP and not at.grazes
+        at, sides = event.solution, sides_of(*event.sequences, self.kind.begins)
+        smooth = event.jump < NO_JUMP and not grazes(at)
         if smooth and (mark := self.kind.mark(sides)):
-            with suppress(OrbitLost):
+
+            def at_zero() -> Found:
                 found = self._zero(at.map.parameters, at, sides, mark)
-                own, fast = multipliers_of(at.fixed)[0], found.orbit.multipliers
-                if own.size != fast.size or np.abs(np.abs(own) - np.abs(fast)).max() < BENT:
-                    return found  # the map has no kink there: central derivatives are those of one map
+                own, fast = multipliers_of(at)[0], found.orbit.multipliers
+                # without a kink of the map there, central derivatives are those of one map
+                same = own.size != fast.size or np.abs(np.abs(own) - np.abs(fast)).max() < BENT
+                require(same, "the map has a kink there")
+                return found
+
+            if found := attempt(at_zero):
+                return found
         return self._found(at, sides, float(np.sign(at.tangent[-1])))
 
-    def _is_met(self, special: Special) -> bool:
-        return special.kind.of_sequence and self.kind in (ANY_CHANGE, special.kind)
+    def _is_met(self, event: Event) -> bool:
+        return event.kind.of_sequence and self.kind in (ANY_CHANGE, event.kind)
 
-    def _changes(self, begin: Point) -> Iterator[Special]:
+    def _changes(self, begin: Solution) -> Iterator[Event]:
         """Yield the changes of this kind along a branch, until it turns round, falls to pieces or does not go on."""
         point, sense = begin, float(np.sign(begin.tangent[-1]))
         for _ in range(MOST_CHANGES):
@@ -144,102 +142,95 @@ class SequenceCurve(Curve):
             try:
                 for first, end, _ in steps(point, SEARCHING):
                     for a, b in self._parts(first, end, PARTS):
-                        found, goes_on = self._specials(a, b)
-                        for special in found:
-                            if special.kind is FOLD or not comes_to_rest(special.point):
+                        found, goes_on = self._events(a, b)
+                        for event in found:
+                            if event.kind is FOLD or not comes_to_rest(event.solution):
                                 return
-                            if self._is_met(special):
-                                yield special
+                            if self._is_met(event):
+                                yield event
                         if not goes_on or b.tangent[-1] * sense < 0:
                             return
                         last = b
                 return
             except OrbitLost:
-                try:
-                    last, point = across(comes_to_rest, last, sense)
-                except OrbitLost:
+                beyond = attempt(across, comes_to_rest, last, sense)
+                if beyond is None:
                     return
+                last, point = beyond
             sequences = last.sequence, point.sequence
             if sequences[0] != sequences[1]:
-                special = Special(change_of(*sequences), last, 1.0, np.nan, sequences)
-                if self._is_met(special):
-                    yield special
+                event = Event(change_of(*sequences), last, 1.0, np.nan, sequences)
+                if self._is_met(event):
+                    yield event
 
-    def _parts(self, a: Point, b: Point, halvings: int) -> Iterator[tuple[Point, Point]]:
+    def _parts(self, a: Solution, b: Solution, halvings: int) -> Iterator[tuple[Solution, Solution]]:
         """Divide a step of a branch into parts so short that no hop passes half a period twice within one part.
 
         Yield both ends of each part.
         """
         if self.kind.lines is not None and halvings:
-            first, last = (self.kind.lines(point.fixed.image) for point in (a, b))
-            if (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any():
-                with suppress(OrbitLost):
-                    middle = Between(a, b)[0.5]
-                    yield from self._parts(a, middle, halvings - 1)
-                    yield from self._parts(middle, b, halvings - 1)
-                    return
+            first, last = (self.kind.lines(point.passage) for point in (a, b))
+            passes = (np.minimum(np.abs(first), np.abs(last)) < np.abs(last - first)).any()
+            if passes and (middle := attempt(on_line(a, b).__getitem__, 0.5)):
+                yield from self._parts(a, middle, halvings - 1)
+                yield from self._parts(middle, b, halvings - 1)
+                return
         yield a, b
 
-    def _specials(self, a: Point, b: Point) -> tuple[list[Special], bool]:
+    def _events(self, a: Solution, b: Solution) -> tuple[list[Event], bool]:
         """Return the special points of a step with its leaps, and True if in the orbits beyond an end comes to rest."""
-        found, leap = specials(a, b)
+        found, leap = events_in(a, b)
         if leap is None:
             return found, comes_to_rest(b)
-        further, goes_on = self._specials(cast(Point, leap.beyond), b) if rests(leap.sequences[1]) else ([], False)
+        further, goes_on = self._events(cast(Solution, leap.beyond), b) if rests(leap.sequences[1]) else ([], False)
         return [*found, leap, *further], goes_on
 
-    def _to_pieces(self, ways: list[Point]) -> Found:
+    def _to_pieces(self, ways: list[Solution]) -> Found:
         """Return the last orbit in which an end still comes to rest.
 
-        Beyond it the branch falls into pieces, one for each number of bounces. Raise OrbitLost if it does not.
+        Beyond it the branch falls into pieces, one for each number of bounces.
         """
-        try:
-            last = first_found(partial(last_that, comes_to_rest, way) for way in ways)
-        except OrbitLost as reason:
-            raise OrbitLost(f"no {self.kind.name} is met") from reason
-        return Found(orbit_of(last.fixed), last.value, last.settled())
+        last = first_found((partial(last_that, comes_to_rest, way) for way in ways), f"no {self.kind.name} is met")
+        return Found(orbit_of(last), last.value, last.settled())
 
-    def _found(self, at: Point, sides: Sides, sense: float) -> Found:
+    def _found(self, at: Solution, sides: Sides, sense: float) -> Found:
         """Return a point of the curve in a section that suits the next point.
 
         Beyond the change the parameter goes on in the `sense` (1 or -1). The sense is 0 where the map is smooth and
         only the sequence changes.
         """
-        if at.grazes:
+        if grazes(at):
             sense = -float(np.sign(cast(np.ndarray, at.mark_slope)[-1]))  # the end strikes where its gap falls
-        leaps = sense != 0.0 and (self.kind.zero is None or at.grazes)
+        leaps = sense != 0.0 and (self.kind.zero is None or grazes(at))
         loses = leaps and is_stable(at) and beyond_gap(is_stable, at, sense) is None
-        return Found(orbit_of(at.fixed), at.value, at.settled(), sides, loses)
+        return Found(orbit_of(at), at.value, at.settled(), sides, loses)
 
     def _next(self, given: dict[str, float], near: list[Found]) -> Found:
-        """Find the point one step from neighbours, with the other changes of its motion.
-
-        Raise OrbitLost if the point is not found, or if two changes have come to one point.
-        """
-        if near[0].sides is None or not rests(near[0].orbit.sequence):
-            raise OrbitLost("the neighbour's motion comes to no rest")
+        """Find the point one step from neighbours, with the other changes of its motion, all in other points."""
+        resting = near[0].sides is not None and rests(near[0].orbit.sequence)
+        require(resting, "the neighbour's motion comes to no rest")
         others = []
         for k in range(len(near[0].others)):
             with_it = takewhile(lambda one, k=k: len(one.others) > k, near)  # type: ignore[misc]
             beside = [one.others[k] for one in with_it]
             others.append(self._one(given, list(takewhile(beside[0].alike, beside))))
         found = self._one(given, near)._replace(others=tuple(others))
-        if others and np.diff(found.several).min() < SAME_CHANGE * self.axis.scale:
-            raise OrbitLost("two changes come to one point")
+        apart = not others or np.diff(found.several).min() >= SAME_CHANGE * self.axis.scale
+        require(apart, "two changes come to one point")
         return found
 
     def _one(self, given: dict[str, float], near: list[Found]) -> Found:
-        """Find one change a step from neighbours; raise OrbitLost if it belongs to another motion."""
+        """Find one change of the same motion a step from neighbours."""
         found = self._near(given, near)
-        if not rests(found.orbit.sequence) or _has_turned(found.orbit) != _has_turned(near[0].orbit):
-            raise OrbitLost("the point found is one of another motion")
+        same = rests(found.orbit.sequence) and _has_turned(found.orbit) == _has_turned(near[0].orbit)
+        require(same, "the point found is one of another motion")
         return found
 
     def _near(self, given: dict[str, float], near: list[Found]) -> Found:
         """Find one change a step from neighbours: a graze, a zero of a mark, or enclosed between two orbits."""
         last, sides = near[0].begin, near[0].sides
         assert sides is not None
-        if last.grazes:
+        if grazes(last):
             return self._graze(given, last, sides)
         if mark := self.kind.mark(sides):
             return self._zero(given, last, sides, mark)
@@ -247,16 +238,16 @@ class SequenceCurve(Curve):
         def between(y: np.ndarray, doubt: float) -> tuple[Found, float]:
             return self._between(given, last, sides, y, doubt), y[-1]
 
-        guesses = self._guesses([one for one in near if not one.begin.grazes])
+        guesses = self._guesses([one for one in near if not grazes(one.begin)])
         found, aim = first_found(partial(between, *guess) for guess in guesses)
         if len(near) > 1:
             self._smooth(found.begin, last, aim)
         return found
 
-    def _smooth(self, at: Point, last: Point, expected: float) -> None:
-        """Raise OrbitLost for a point far from its guess: beyond a corner of the curve lie points of another border."""
-        if abs(at.y[-1] - expected) > CORNER + abs(expected - last.y[-1]):
-            raise OrbitLost(f"the curve has a corner near {self.parameter} = {at.value:.6g}")
+    def _smooth(self, at: Solution, last: Solution, expected: float) -> None:
+        """Require that a point is near its guess: beyond a corner of the curve lie points of another border."""
+        near = abs(at.y[-1] - expected) <= CORNER + abs(expected - last.y[-1])
+        require(near, f"the curve has a corner near {self.parameter} = {at.value:.6g}")
 
     # --- between two orbits ----------------------------------------------------------------------------------------
 
@@ -269,11 +260,11 @@ class SequenceCurve(Curve):
         yield y, abs(y[-1] - self.extrapolated(near[:-1])[-1])
         yield self.extrapolated(near[:2]), LESS * abs(near[0].value - near[1].value) / self.axis.scale
 
-    def _between(self, given: dict[str, float], near: Point, sides: Sides, y: np.ndarray, doubt: float) -> Found:
+    def _between(self, given: dict[str, float], near: Solution, sides: Sides, y: np.ndarray, doubt: float) -> Found:
         """Return the last orbit on this side of a change, enclosed between two orbits on both sides of the guess `y`.
 
-        The last entry of the guess is the parameter over its scale, known to about `doubt`. Raise OrbitLost if the
-        sequence does not change there, or if another change lies nearer.
+        The last entry of the guess is the parameter over its scale, known to about `doubt`. No other change may lie
+        nearer.
         """
         width = min(WIDEST, max(NARROWEST, doubt))
         while width <= WIDEST:
@@ -282,48 +273,45 @@ class SequenceCurve(Curve):
             if sides.between(*sequences):
                 this, other = ends if sides.here(sequences[0]) else ends[::-1]
                 change = last_with(sides.here, 0.0, this, other)
-                if not sides.beyond(change.sequences[1]):
-                    raise OrbitLost(f"another change is nearer at {self.parameter} = {change.point.value:.6g}")
-                return self._found(change.point, sides, float(np.sign(other.value - this.value)))
+                nearer = f"another change is nearer at {self.parameter} = {change.solution.value:.6g}"
+                require(sides.beyond(change.sequences[1]), nearer)
+                return self._found(change.solution, sides, float(np.sign(other.value - this.value)))
             width *= WIDER
         at = y[-1] * self.axis.scale
         raise OrbitLost(f"no change of sequence within {WIDEST * self.axis.scale:.2g} of {self.parameter} = {at:.6g}")
 
     # --- the zero of a mark ----------------------------------------------------------------------------------------
 
-    def _graze(self, given: dict[str, float], near: Point, sides: Sides) -> Found:
-        """Return the orbit at which an end just misses the plate; the search begins at an orbit whose gap is wider.
-
-        Raise OrbitLost if no end grazes there.
-        """
+    def _graze(self, given: dict[str, float], near: Solution, sides: Sides) -> Found:
+        """Return the orbit at which an end just misses the plate; the search begins at an orbit whose gap is wider."""
         y, _ = self._ahead(given, near, least_gap)
-        for opened in OPENED:
-            with suppress(OrbitLost):
-                at, struck = graze(self._at(given, near, y + opened * near.tangent).settled())
-                if sides.between(at.sequence, struck):
-                    self._smooth(at, near, y[-1])
-                    return self._found(at, sides, 0.0)
-        raise OrbitLost(
-            f"no end grazes where the sequence changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}"
-        )
+        why = f"no end grazes where the sequence changes near {self.parameter} = {y[-1] * self.axis.scale:.6g}"
 
-    def _zero(self, given: dict[str, float], near: Point, sides: Sides, mark: Mark) -> Found:
-        """Return the orbit at which a mark is zero; raise OrbitLost if it is far off or beyond the change."""
+        def found(opened: float) -> Found:
+            at, struck = graze(self._at(given, near, y + opened * near.tangent).settled())
+            require(sides.between(at.sequence, struck), why)
+            self._smooth(at, near, y[-1])
+            return self._found(at, sides, 0.0)
+
+        return first_found((partial(found, opened) for opened in OPENED), why)
+
+    def _zero(self, given: dict[str, float], near: Solution, sides: Sides, mark: Mark) -> Found:
+        """Return the orbit at which a mark is zero, if it is near and not beyond the change."""
         y, known = self._ahead(given, near, mark)
         equations = _equations(self._beside(given, near, y), mark)
         at, _ = equations.solved(y, equations.derivative, known, MOST_DERIVATIVES)
-        if np.abs(at.y - y).max() > REACH or not sides.here(at.sequence):
-            raise OrbitLost(f"no {self.kind.name} near {self.parameter} = {equations.near.value:.6g}")
+        here = np.abs(at.y - y).max() <= REACH and sides.here(at.sequence)
+        require(here, f"no {self.kind.name} near {self.parameter} = {equations.near.value:.6g}")
         self._smooth(at, near, y[-1])
         return self._at_zero(at, sides, mark)
 
-    def _at_zero(self, at: Point, sides: Sides, mark: Mark) -> Found:
+    def _at_zero(self, at: Solution, sides: Sides, mark: Mark) -> Found:
         """Return the point of the curve at an orbit whose mark is zero, with derivatives taken anew."""
         at = with_derivatives(at, mark=mark)
         return self._found(at, sides, 0.0)._replace(value=crept(at, mark))
 
     @singular_lost()
-    def _ahead(self, given: dict[str, float], near: Point, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
+    def _ahead(self, given: dict[str, float], near: Solution, mark: Mark) -> tuple[np.ndarray, np.ndarray]:
         """Extrapolate the curve from a neighbour along its tangent: return the unknowns and the equations' derivative.
 
         The tangent follows from the image of the neighbour's point at parameters a little nearer to the new ones. Where
@@ -332,53 +320,53 @@ class SequenceCurve(Curve):
         y, old = near.y, near.map.parameters
         if near.mark_slope is None:
             near = with_derivatives(near, mark=mark)
-        known = np.vstack([near.matrix(), cast(np.ndarray, near.mark_slope)])
-        for part in (TANGENT_SHARE, -TANGENT_SHARE):
+        known = np.vstack([near.derivative(), cast(np.ndarray, near.mark_slope)])
+
+        def ahead(part: float) -> np.ndarray:
             aside = {name: old[name] + part * (value - old[name]) for name, value in given.items() if name in old}
-            with suppress(OrbitLost):
-                m = replace(near.map, parameters=aside | {self.parameter: near.value})
-                image = m.image(y[:-1])
-                moved = mark(m, image) - mark(near.map, near.fixed.image)
-                fails = np.append(defect(m, y[:-1], image, self.axis.spin), moved)
-                if np.abs(fails).max() < REACH:
-                    return y - np.linalg.solve(known, fails / part), known
-        return y, known
+            m = replace(near.map, parameters=aside | {self.parameter: near.value})
+            passage = m.passage(y[:-1])
+            moved = mark(m, passage) - mark(near.map, near.passage)
+            fails = np.append(defect(m, y[:-1], passage, self.axis.spin), moved)
+            require(np.abs(fails).max() < REACH, "another motion is there")
+            return y - np.linalg.solve(known, fails / part)
+
+        return next(all_found(partial(ahead, part) for part in (TANGENT_SHARE, -TANGENT_SHARE)), y), known
 
     # --- in the plane of two parameters ------------------------------------------------------------------------------
 
     def _mark(self, near: Found) -> Mark:
-        """Return the function of the orbit that is zero on the border near a point; raise OrbitLost without one."""
+        """Return the function of the orbit that is zero on the border near a point, where it has an equation."""
         mark = self.kind.mark(near.sides) if near.sides else None
-        if mark is None or near.begin.grazes:
-            raise OrbitLost("the border has no equation there")
-        return mark
+        require(mark and not grazes(near.begin), "the border has no equation there")
+        return cast(Mark, mark)
 
     def system(self, m: ReturnMap, near: Found) -> Equations:
-        return _equations(near.begin._replace(fixed=near.begin.fixed._replace(map=m)), self._mark(near))
+        return _equations(near.begin.on_map(m), self._mark(near))
 
-    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Image], near: Found) -> Found:
+    def made(self, u: np.ndarray, extra: tuple[ReturnMap, Passage], near: Found) -> Found:
         at = self.system(extra[0], near).point(u, extra)
         return self._at_zero(at, cast(Sides, near.sides), self._mark(near))
 
     @singular_lost()
     def tests(self, found: Found) -> dict[str, float]:
-        fixed, name = found.begin.fixed, self.kind.name
+        fixed, name = found.begin, self.kind.name
         fold = float(np.linalg.det(system(fixed.map, fixed.matrix, fixed.gradient, self.sustained)))
         return {f"{name}-fold": fold, f"{name}-flip": FLIP.test(found.begin)}
 
     # --- from a neighbour ------------------------------------------------------------------------------------------
 
-    def _at(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
+    def _at(self, given: dict[str, float], near: Solution, y: np.ndarray) -> Solution:
         """Return the orbit at the parameter of `y`, in the section of the point `near`."""
         return lent(self._beside(given, near, y), y, np.eye(y.size)[-1], MOST_DERIVATIVES)
 
-    def _beside(self, given: dict[str, float], near: Point, y: np.ndarray) -> Point:
+    def _beside(self, given: dict[str, float], near: Solution, y: np.ndarray) -> Solution:
         """Return the point of a neighbour with its map at other values of the parameters; it is no orbit there yet."""
         value = float(y[-1] * self.axis.scale)
         m = replace(near.map, parameters=given | {self.parameter: value})
-        return near._replace(fixed=near.fixed._replace(map=m), value=value)
+        return near.on_map(m)._replace(value=value)
 
 
-def _equations(near: Point, mark: Mark) -> Equations:
+def _equations(near: Solution, mark: Mark) -> Equations:
     """Return the equations of an orbit at which a mark is zero."""
-    return Equations(near, lambda _, m, image: mark(m, image))
+    return Equations(near, lambda _, m, passage: mark(m, passage))

@@ -1,17 +1,16 @@
 """Ends of stability as borders over other parameters: where an orbit ceases to be stable or to exist."""
 
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from typing import ClassVar
 
 from dimersweep.analysis.orbits.borders.bifurcation_curve import BifurcationCurve
 from dimersweep.analysis.orbits.borders.curve import Curve, Found
+from dimersweep.analysis.orbits.continuation.events import Event, on_its_border
 from dimersweep.analysis.orbits.continuation.kinds import kind_words
-from dimersweep.analysis.orbits.continuation.specials import Special, on_its_border
 from dimersweep.analysis.orbits.continuation.stability_end import stability_end
 from dimersweep.analysis.orbits.map.finding import orbit_at
+from dimersweep.analysis.orbits.map.lost import attempt
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
 from dimersweep.cubes.cube import Column
 from dimersweep.parameters import value_of
 
@@ -38,18 +37,18 @@ class StabilityCurve(Curve):
 
     def _from(self, orbit: PeriodicOrbit) -> Found:
         (way,) = self._ways(orbit)
-        special = stability_end(way)
-        return self._found(special)._replace(loses=True, by=special.kind.name)
+        event = stability_end(way)
+        return self._found(event)._replace(loses=True, by=event.kind.name)
 
-    def _found(self, special: Special) -> Found:
+    def _found(self, event: Event) -> Found:
         """Return the point at an end of stability; at a bifurcation it has the spin put back, as its curve."""
-        at = special.point
-        if special.kind.rows:
+        at = event.solution
+        if event.kind.rows:
             given = (self.parameter, self.given, self.spin, self.rtol, self.recorder)
-            own = BifurcationCurve(special.kind, *given, sustained=self.sustained)
-            with suppress(OrbitLost):
-                return own.taken_up(special)
-        return Found(on_its_border(special.kind, orbit_of(at.fixed), self.sustained), at.value, at)
+            own = BifurcationCurve(event.kind, *given, sustained=self.sustained)
+            if found := attempt(own.taken_up, event):
+                return found
+        return Found(on_its_border(event.kind, orbit_of(at), self.sustained), at.value, at)
 
     def columns(self, found: Collection[Found]) -> list[Column]:
         ends = [one.by for one in found]

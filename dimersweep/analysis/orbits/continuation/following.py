@@ -1,22 +1,23 @@
 """Follow an orbit along a branch, through folds, with its stability, sequences and special points."""
 
-from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
+from functools import partial
+from itertools import chain
 
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.continuation.branch import Axis, Point, point_of
-from dimersweep.analysis.orbits.continuation.kinds import FLIP, Kind, kind_words
-from dimersweep.analysis.orbits.continuation.specials import Special, doubled, on_its_border, pitchfork_in, specials
+from dimersweep.analysis.orbits.continuation.branch import point_of
+from dimersweep.analysis.orbits.continuation.events import Event, doubled, events_in, on_its_border, pitchfork_in
+from dimersweep.analysis.orbits.continuation.kinds import FLIP, kind_words
 from dimersweep.analysis.orbits.continuation.stability_end import GAP, beyond_gap, furthest, kind_beyond
 from dimersweep.analysis.orbits.continuation.steps import FOLLOWING, LOCATED, steps
 from dimersweep.analysis.orbits.map.finding import units_along
+from dimersweep.analysis.orbits.map.lost import OrbitLost, first_found
 from dimersweep.analysis.orbits.map.manifold import slow_motion_of
-from dimersweep.analysis.orbits.map.newton import Fixed, solve
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, dataset, orbit_of
-from dimersweep.analysis.orbits.map.poincare import OrbitLost, Recorder
+from dimersweep.analysis.orbits.map.poincare import Recorder, ReturnMap
+from dimersweep.analysis.orbits.map.solution import Axis, Solution, solve, without_drift
 from dimersweep.cubes.cube import Column, finished
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number, check_count
@@ -26,15 +27,6 @@ from dimersweep.symbols import PARAMETERS
 BEYOND_SEQUENCE = "word: the orbit does not go on beyond its sequence; the next one found has the sequence"
 MIRRORED = "plane: the spin is zero; beyond lies the mirror image of the branch"
 LEAST_SCALE = 1e-3  # least scale of a parameter, for a branch whose values are all near zero
-
-
-class BranchRow(NamedTuple):
-    """A row of the dataset of a branch."""
-
-    orbit: PeriodicOrbit
-    value: float  # value of the parameter
-    kind: Kind | None = None  # kind of border that the branch crosses there, if any
-    jump: float = 0.0  # jump of the orbit over a change of sequence, in units of the section
 
 
 def follow(
@@ -87,27 +79,19 @@ def follow(
     True
     """
     rows, end, cost = traced(orbit, parameter, to, check_count("points", points), switch, sequences, sustained)
-    kinds, allowed = [row.kind for row in rows], kind_words()
+    kinds, allowed = [event.kind for _, event in rows], kind_words()
     special = [("word" if kind.of_sequence else kind.name) if kind else "none" for kind in kinds]
     change = [kind.name if kind and kind.of_sequence else "none" for kind in kinds]
     columns = [
         Column("special", "kind of special point", special, allowed),
         Column("change", "what changes in the sequence", change, allowed),
-        Column("jump", "jump of the orbit, in units of the section", [row.jump for row in rows]),
+        Column("jump", "jump of the orbit, in units of the section", [event.jump for _, event in rows]),
     ]
     if parameter != "spin":
-        columns.append(Column(parameter, PARAMETERS[parameter], [row.value for row in rows]))
-    table = dataset([row.orbit for row in rows], "point", columns)
+        columns.append(Column(parameter, PARAMETERS[parameter], [event.solution.value for _, event in rows]))
+    table = dataset([orbit for orbit, _ in rows], "point", columns)
     table.attrs |= {"end": end, "cost": cost, "parameter": parameter}
     return finished(table.set_coords(parameter), f"Branch of periodic orbits in {parameter}")
-
-
-class Trace(NamedTuple):
-    """The rows of a branch, the reason for its end in words, and the forcing periods of the map that it took."""
-
-    entries: list[BranchRow]
-    end: str
-    cost: float
 
 
 def traced(
@@ -118,50 +102,53 @@ def traced(
     switch: bool = False,
     sequences: bool = True,
     sustained: bool = False,
-) -> Trace:
-    """Follow a branch as `follow` does, and return its rows."""
+) -> tuple[list[tuple[PeriodicOrbit, Event]], str, float]:
+    """Follow a branch as `follow` does.
+
+    Return its rows, why it ends, in words, and the forcing periods of the map that it took.
+    """
     axis, start, to = _axis(orbit, parameter, to, sustained)
     free = axis.spin is None
     edges = {
         to / axis.scale: (to, "to: the value asked for is reached"),
         start / axis.scale: (start, "back: the branch has turned round to its start"),
     }
-    rows, end, recorder = [BranchRow(orbit, start)], "", Recorder()
-    fixed = axis.taken_up(orbit.fixed._replace(map=replace(orbit.fixed.map, recorder=recorder)))
+    rows, end, recorder = [(orbit, Event(None, orbit.fixed._replace(value=start)))], "", Recorder()
+    fixed = without_drift(orbit.fixed.on_map(replace(orbit.fixed.map, recorder=recorder)), axis)
     try:
         point = _begin(axis, fixed, start).towards(to - start)
-        rows, taken = [_row(point)], steps(point, FOLLOWING, tuple(edges))
-        while not end and sum(row.kind is None for row in rows) < points:
+        rows, taken = [_row(Event(None, point))], steps(point, FOLLOWING, tuple(edges))
+        while not end and sum(event.kind is None for _, event in rows) < points:
             try:
                 a, b, edge = next(taken)
             except OrbitLost:
                 if not free:
                     raise
                 point, end = _over_kink(point, *sorted((start, to)))
-                rows.append(_row(point))
+                rows.append(_row(Event(None, point)))
                 taken = steps(point, FOLLOWING, tuple(edges))
                 continue
-            if free and a.fixed.image.spin * b.fixed.image.spin < 0:
+            if free and a.passage.spin * b.passage.spin < 0:
                 fork, end = pitchfork_in(a, b), MIRRORED
-                rows += [_row(fork.point, fork)] if fork else []
+                rows += [_row(fork)] if fork else []
                 continue
-            found, leap = specials(a, b, sequences)
-            flip = next((k for k, special in enumerate(found) if switch and special.kind is FLIP), None)
-            rows += [_row(special.point, special) for special in found[: None if flip is None else flip + 1]]
+            found, leap = events_in(a, b, sequences)
+            flip = next((k for k, event in enumerate(found) if switch and event.kind is FLIP), None)
+            rows += [_row(event) for event in found[: None if flip is None else flip + 1]]
             if leap is not None:
-                point, end = leap.point, f"{BEYOND_SEQUENCE} {leap.sequences[1]}"
+                point, end = leap.solution, f"{BEYOND_SEQUENCE} {leap.sequences[1]}"
             elif flip is not None:
-                point, switch = doubled(found[flip].point), False
+                point, switch = doubled(found[flip].solution), False
                 taken = steps(point, FOLLOWING, tuple(edges))
             elif edge is not None:
                 value, end = edges[edge]
                 point = b._replace(value=value)
             else:
                 point = b
-            rows.append(_row(point))
+            rows.append(_row(Event(None, point)))
     except OrbitLost as reason:
         end = f"lost: {reason}"
-    return Trace(rows, end or f"points: {points} points were asked for", recorder.periods)
+    return rows, end or f"points: {points} points were asked for", recorder.periods
 
 
 def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool) -> tuple[Axis, float, float]:
@@ -181,7 +168,7 @@ def _axis(orbit: PeriodicOrbit, parameter: str, to: float | str, sustained: bool
     return Axis(parameter, max(abs(value), abs(to - value), LEAST_SCALE), spin), value, to
 
 
-def _over_kink(point: Point, low: float, high: float) -> tuple[Point, str]:
+def _over_kink(point: Solution, low: float, high: float) -> tuple[Solution, str]:
     """Go on over a kink of the drift, by steps of the parameter between `low` and `high`.
 
     Return a point with a sustained spin beyond, and ""; or the last point, and the reason for the end of the branch.
@@ -192,29 +179,24 @@ def _over_kink(point: Point, low: float, high: float) -> tuple[Point, str]:
         return last, ""
     if min(abs(last.value - low), abs(last.value - high)) < LEAST_SCALE * GAP * last.axis.scale:
         return last, "to: the value asked for is nearly reached"
-    given = last._replace(axis=last.axis._replace(spin=last.fixed.image.spin))
+    given_spin = last.axis._replace(spin=last.passage.spin)
+    given = last._replace(problem=last.problem._replace(axis=given_spin))
     drifts = beyond_gap(lambda _: True, given, sense) is not None
     return last, f"{kind_beyond(last).name}: {'the drift leaps over zero' if drifts else 'the family ends'}"
 
 
-def _begin(axis: Axis, fixed: Fixed, value: float) -> Point:
-    """Return the first point of the branch, in its own section or, if it has no derivatives there, in another one.
+def _begin(axis: Axis, fixed: Solution, value: float) -> Solution:
+    """Return the first point of the branch, in its own section or, if it has no derivatives there, in another one."""
 
-    Raise OrbitLost if it has none in any section.
-    """
-    try:
-        return point_of(axis, fixed, value)
-    except OrbitLost:
-        for m, z in fixed.map.sections(fixed.image.passage):
-            with suppress(OrbitLost):
-                return point_of(axis, solve(m, z, axis.spin_at(value)), value)
-        raise
+    def begun(m: ReturnMap, z: np.ndarray) -> Solution:
+        return point_of(axis, solve(m, z, axis.spin_at(value)), value)
+
+    others = fixed.map.sections(fixed.passage)
+    return first_found(chain([partial(point_of, axis, fixed, value)], (partial(begun, *place) for place in others)))
 
 
-def _row(point: Point, special: Special | None = None) -> BranchRow:
-    """Return the row of a point of the branch, with its kind and jump if it is a special point."""
-    orbit = orbit_of(point.fixed, slow_motion_of(point.fixed))
-    if special is None:
-        return BranchRow(orbit, point.value)
-    orbit = on_its_border(special.kind, orbit, point.axis.spin is None)
-    return BranchRow(orbit, point.value, special.kind, special.jump)
+def _row(event: Event) -> tuple[PeriodicOrbit, Event]:
+    """Return the row of a point of the branch: its orbit, and what happens there."""
+    at = event.solution
+    orbit = orbit_of(at, slow_motion_of(at))
+    return on_its_border(event.kind, orbit, at.axis.spin is None) if event.kind else orbit, event

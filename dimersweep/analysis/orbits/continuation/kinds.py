@@ -11,12 +11,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from dimersweep.analysis.orbits.continuation.branch import Mark, Point
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
+from dimersweep.analysis.orbits.map.lost import require
 from dimersweep.analysis.orbits.map.manifold import growth_in_plane
-from dimersweep.analysis.orbits.map.newton import fixed_at
-from dimersweep.analysis.orbits.map.passage import TURN, Sides
-from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, ReturnMap
+from dimersweep.analysis.orbits.map.passage import TURN, Passage, Sides
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
+from dimersweep.analysis.orbits.map.solution import Mark, Solution, fixed_at
 from dimersweep.kernel.verdict.past import HOP_LINE
 
 COMPLEX = 1e-7  # imaginary part from which on a pair of multipliers counts as complex: a smaller one may be round-off
@@ -52,11 +52,11 @@ class Kind:
         """True if the border lies at the zero of a function of the orbit."""
         return self.rows > 0 or self.zero is not None
 
-    def test(self, point: Point) -> float:
+    def test(self, point: Solution) -> float:
         """Return a function of a point of a branch that changes its sign at the border; NaN if there is none."""
         return float("nan")
 
-    def holds(self, point: Point) -> bool:
+    def holds(self, point: Solution) -> bool:
         """Return True if a point where the test function is zero is a point of the border."""
         return True
 
@@ -100,7 +100,7 @@ class Bifurcation(Kind, ABC):
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the rows of the eigenvector, shape (rows, n), and the unknown number of the multiplier, from J.
 
-        J is the derivative of the map near the border. OrbitLost is raised if it has no such multiplier.
+        J is the derivative of the map near the border.
         """
 
     def others(self, values: np.ndarray) -> np.ndarray:
@@ -115,9 +115,9 @@ class RealMultiplier(Bifurcation):
     at: float
     rows = 1
 
-    def test(self, point: Point) -> float:
+    def test(self, point: Solution) -> float:
         """Return the product of (multiplier - `at`) over all multipliers."""
-        return float(np.linalg.det(point.fixed.matrix - self.at * np.eye(len(point.fixed.matrix))))
+        return float(np.linalg.det(point.matrix - self.at * np.eye(len(point.matrix))))
 
     def crossing(self, real: np.ndarray) -> float:
         return float(prod(1 - self.at * real))
@@ -145,8 +145,7 @@ class ComplexPair(Bifurcation):
     def begin(self, J: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values, vectors = np.linalg.eig(J)
         pairs = np.flatnonzero(values.imag > 0)
-        if not pairs.size:
-            raise OrbitLost("the multipliers have no complex pair")
+        require(pairs.size, "the multipliers have no complex pair")
         k = pairs[int(np.argmin(np.abs(self.away(values[pairs]))))]
         q = vectors[:, k]
         q = q * np.exp(-0.5j * np.angle(q @ q))  # this makes its real part orthogonal to its imaginary part
@@ -160,7 +159,7 @@ class Change(Kind):
     leads: Callable[[str, str], bool]  # returns True if a change from one sequence to another is of this kind
     begins: str = ""  # first letters of the symbols that are compared
     # returns numbers of a motion, of which one changes its sign at each change of this kind, if such numbers are known
-    lines: Callable[[Image], np.ndarray] | None = None
+    lines: Callable[[Passage], np.ndarray] | None = None
     color: str = "#009e73"
     marker: str = "|"
     of_sequence = True
@@ -174,7 +173,7 @@ class Change(Kind):
 class Fold(RealMultiplier):
     """A border at which a multiplier is 1, and the branch turns back in the parameter."""
 
-    def test(self, point: Point) -> float:
+    def test(self, point: Solution) -> float:
         """Return the entry of the parameter in the tangent of the branch."""
         return float(point.tangent[-1])
 
@@ -183,9 +182,9 @@ class Fold(RealMultiplier):
 class Torus(ComplexPair):
     """A border at which a complex pair of multipliers has size 1; the unknown number is its angle."""
 
-    def test(self, point: Point) -> float:
+    def test(self, point: Solution) -> float:
         """Return the squared size of the largest complex pair less 1; -1.0 without a complex pair."""
-        values = np.linalg.eigvals(point.fixed.matrix)
+        values = np.linalg.eigvals(point.matrix)
         pairs = values[np.abs(values.imag) > COMPLEX]
         return float((np.abs(pairs) ** 2 - 1).max()) if pairs.size else -1.0
 
@@ -216,20 +215,20 @@ class Pitchfork(Kind):
         """True: the growth of a small spin is zero."""
         return True
 
-    def test(self, point: Point) -> float:
+    def test(self, point: Solution) -> float:
         """Return the growth of a small spin in a period; NaN on branches that are not in a plane."""
-        return growth_in_plane(point.fixed)[0] if point.axis.spin == 0.0 else float("nan")
+        return growth_in_plane(point)[0] if point.axis.spin == 0.0 else float("nan")
 
-    def holds(self, point: Point) -> bool:
+    def holds(self, point: Solution) -> bool:
         """Return True if the drift is smooth: if it is not, a small enough spin grows, or falls, on both sides."""
-        return growth_in_plane(point.fixed)[1]
+        return growth_in_plane(point)[1]
 
-    def mark(self, m: ReturnMap, image: Image) -> float:
+    def mark(self, m: ReturnMap, passage: Passage) -> float:
         """Return the growth of a small spin beside the motion of an image.
 
         It is scaled up, so that it counts as much in Newton's method as the other equations.
         """
-        return growth_in_plane(fixed_at(m, image.point))[0] / m.one_sided
+        return growth_in_plane(fixed_at(m, passage.point))[0] / m.one_sided
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -246,9 +245,9 @@ def _changed(old: str, new: str) -> set[str]:
     return set(old.split()) ^ set(new.split())
 
 
-def _over_line(image: Image, end: int) -> float:
+def _over_line(passage: Passage, end: int) -> float:
     """Return the length of the longest hop of an end less half a period, in forcing periods."""
-    return image.passage.hops[end] / TURN - HOP_LINE
+    return passage.hops[end] / TURN - HOP_LINE
 
 
 def _hop_over_line(sides: Sides) -> Mark | None:
@@ -257,7 +256,7 @@ def _hop_over_line(sides: Sides) -> Mark | None:
         return None
     (symbol,) = sides.least
     end, aside = int(symbol[-1]) - 1, HOP_ASIDE if sides.more[symbol] else -HOP_ASIDE
-    return lambda _, image: _over_line(image, end) - aside
+    return lambda _, passage: _over_line(passage, end) - aside
 
 
 FOLD = Fold(
@@ -311,7 +310,7 @@ HOP = Change(
     leads=lambda old, new: {symbol[:3] for symbol in _changed(old, new)} == {"far"},
     begins="far",
     zero=_hop_over_line,
-    lines=lambda image: np.array([_over_line(image, end) for end in (0, 1)]),
+    lines=lambda passage: np.array([_over_line(passage, end) for end in (0, 1)]),
 )
 CHATTER = Change(
     name="chatter",

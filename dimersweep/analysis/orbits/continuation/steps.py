@@ -5,13 +5,13 @@ border in the plane of two parameters (`plane_curve.InPlane`). A step goes along
 the plane across it (Keller; Kuznetsov, doi 10.1007/978-3-031-22007-4, section 10.2).
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from scipy.optimize import brentq
 
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
+from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, singular_lost
 from dimersweep.errors import OrbitError
 
 LOCATED = 1e-9  # accuracy of a zero, in the parameter over its scale, or as a share of a step
@@ -39,28 +39,22 @@ FOLLOWING = StepLengths(first=0.02, longest=0.25, shortest=1e-6, growth=1.3, tri
 SEARCHING = StepLengths(first=0.1, longest=0.1, shortest=1e-5, growth=1.5, tries=120)
 
 
-class OnPlanes(Protocol):
-    """A point of a curve that finds other points nearby; `y` has all its unknowns, shape (n + 1,)."""
+class OnCurve(Protocol):
+    """A point of a curve, which has one equation less than unknowns; the last unknown is a parameter over its scale."""
 
     @property
-    def y(self) -> np.ndarray: ...
-
-    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
-        """Find the point of the curve on the plane through `y` across `normal`, in the section of this point.
-
-        Raise OrbitLost if there is none nearby.
-        """
-
-
-class OnCurve(OnPlanes, Protocol):
-    """A point of a curve, which has one equation less than unknowns; the last unknown is a parameter over its scale."""
+    def y(self) -> np.ndarray:
+        """Unknowns, shape (n + 1,)."""
 
     @property
     def tangent(self) -> np.ndarray:
         """Tangent of length 1 in the sense of the curve, shape (n + 1,)."""
 
+    def on_plane(self, y: np.ndarray, normal: np.ndarray) -> Self:
+        """Find the point of the curve on the plane through `y` across `normal`, in the section of this point."""
+
     def judge(self, to: Self, step: float) -> None:
-        """Raise OrbitLost if a step to another point is too long: the curve may turn between the two."""
+        """Require that a step to another point is not too long: the curve may turn between the two."""
 
     def settled(self, simplest: bool = True) -> Self:
         """Return the point in the section that suits the next step.
@@ -73,11 +67,11 @@ class OnCurve(OnPlanes, Protocol):
 
 
 P = TypeVar("P", bound=OnCurve)
-Q = TypeVar("Q", bound=OnPlanes)
+T = TypeVar("T")
 
 
 def steps(begin: P, lengths: StepLengths, window: tuple[float, ...] = ()) -> Iterator[tuple[P, P, float | None]]:
-    """Yield the steps of a curve from a point on, in the sense of its tangent; raise OrbitLost where the curve ends.
+    """Yield the steps of a curve from a point on, in the sense of its tangent; the orbit is lost where the curve ends.
 
     Parameters
     ----------
@@ -138,39 +132,47 @@ def _at_edge(near: P, y: np.ndarray, ahead: np.ndarray, edge: float) -> P:
     return near.on_plane(at, np.eye(at.size)[-1])
 
 
-class Between(dict[float, Q]):
-    """Points of a step by their share of the way from `a` to `b`, each found once, on a plane across the way."""
+class Between(dict[float, T]):
+    """Points of a step by their share of the way from `a` to `b`, each found once.
 
-    def __init__(self, a: Q, b: Q) -> None:
+    ``found(before, after, part, share)`` returns the point at a share of the way, which lies a `part` of the way from
+    one known point to the next.
+    """
+
+    def __init__(self, a: T, b: T, found: Callable[[T, T, float, float], T]) -> None:
         super().__init__({0.0: a, 1.0: b})
-        self.way = b.y - a.y
-        self.length = float(np.linalg.norm(self.way))
+        self.found = found
 
-    def __missing__(self, share: float) -> Q:
-        self[share] = self.near(share).on_plane(self[0.0].y + share * self.way, self.way / self.length)
+    def __missing__(self, share: float) -> T:
+        low, high = max(known for known in self if known < share), min(known for known in self if known > share)
+        self[share] = self.found(self[low], self[high], (share - low) / (high - low), share)
         return self[share]
 
-    def near(self, share: float) -> Q:
-        """Return the end of the step from which the point at a share is found: the nearer one."""
-        return self[0.0] if share < 0.5 else self[1.0]
+
+def on_line(a: P, b: P) -> Between[P]:
+    """Return the points of a step on planes across the way from `a` to `b`, each found from the nearer end."""
+    way = b.y - a.y
+    normal = way / float(np.linalg.norm(way))
+    return Between(a, b, lambda _a, _b, _part, share: (a if share < 0.5 else b).on_plane(a.y + share * way, normal))
 
 
-def zero(at: Between[Q], test: Callable[[Q], float], known: float, leap: float = LEAP) -> float | None:
+def zero(at: Mapping[float, T], test: Callable[[T], float], known: float, leap: float = LEAP) -> float | None:
     """Find the share of a step at which a test function is zero, with an error of at most `known`.
 
     Return None if the function does not change its sign, if it leaps over zero, or if a point is not found. It leaps if
     its size at the change of sign is at least `leap` times the larger one of its sizes at the ends.
     """
-    try:
+
+    @singular_lost()
+    def share_of_zero() -> float | None:
         first, last = test(at[0.0]), test(at[1.0])
         if not first * last < 0:
             return None
         # rtol is the least that brentq takes: `known` decides
-        share = brentq(lambda share: test(at[share]), 0.0, 1.0, xtol=known, rtol=8.9e-16)
-        small = abs(test(at[share])) < leap * max(abs(first), abs(last))
-    except (OrbitLost, np.linalg.LinAlgError):
-        return None
-    return float(share) if small else None
+        share = float(brentq(lambda share: test(at[share]), 0.0, 1.0, xtol=known, rtol=8.9e-16))
+        return share if abs(test(at[share])) < leap * max(abs(first), abs(last)) else None
+
+    return attempt(share_of_zero)
 
 
 def halved(read: Callable[[float], Any], low: float, high: float, within: float) -> tuple[float, float]:

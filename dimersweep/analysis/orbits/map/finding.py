@@ -1,7 +1,6 @@
 """Find an orbit from a run, from another orbit, or from the closed form of a ball on a plate."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from math import acos, cos, sin
@@ -11,10 +10,12 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.analysis.orbits.map.ball import ball_fold
-from dimersweep.analysis.orbits.map.manifold import multipliers_of, slow_direction, slow_motion_of
-from dimersweep.analysis.orbits.map.newton import Fixed, solve, system
+from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, in_steps, require
+from dimersweep.analysis.orbits.map.manifold import slow_motion_of
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import JOINED, TURN, OrbitLost, Recorder, ReturnMap, in_steps
+from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.poincare import JOINED, Recorder, ReturnMap
+from dimersweep.analysis.orbits.map.solution import Solution, multipliers_of, slow_direction, solve, system
 from dimersweep.errors import OrbitError, ParameterError, one_line
 from dimersweep.inputs import as_number, check_count, check_rtol
 from dimersweep.kernel.model.layout import DIP, FREE, N_STATE, PERIOD, PHASE, ROW, ROW_PHI0, STICK, WB, State
@@ -84,26 +85,23 @@ def ball_state(m: ReturnMap, spin: float) -> np.ndarray:
 
 
 def settled_on(m: ReturnMap, state: np.ndarray, periods: int) -> tuple[ReturnMap, np.ndarray]:
-    """Run from a state at the section of `m`; return the map in the best section of the motion, and the point there.
-
-    Raise OrbitLost if the kernel cannot go on, or both ends have come to rest on the plate.
-    """
+    """Run from a state at the section of `m`; return the map in the best section of the motion, and the point there."""
     for _ in range(periods // m.periods):
         state[[PHASE, PERIOD]] = 0.0
         state, _, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
-    if (passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2] != FREE).all():
-        raise OrbitLost("the motion dies: both ends stay on the plate")
+    in_air = (passage.segments[:, SEGMENT_MODES : SEGMENT_MODES + 2] == FREE).any()
+    require(in_air, "the motion dies: both ends stay on the plate")
     return m.moved(passage)
 
 
-def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> Iterator[Start]:
+def settled_near(at: Solution, m: ReturnMap, spin: float, most: float = JOINED) -> Iterator[Start]:
     """Run from a stable orbit at other parameters or another spin; yield the settled motion in each of its sections.
 
     The fast part settles while the spin is put back once a period, whatever contacts occur meanwhile.
 
     Parameters
     ----------
-    at : Fixed
+    at : Solution
         Orbit from which the run begins.
     m : ReturnMap
         Map of the other parameters in the section of the orbit.
@@ -111,28 +109,20 @@ def settled_near(at: Fixed, m: ReturnMap, spin: float, most: float = JOINED) -> 
         Spin of the motion after the last impact of a period [rad/s].
     most : float
         Longest distance of the motion from the start of the run, in units of the section.
-
-    Raises
-    ------
-    OrbitLost
-        If the orbit is not stable, or the run settles further away than `most`, or dies.
     """
-    if not (np.abs(multipliers_of(at)[0]) < 1).all():
-        raise OrbitLost("the orbit is unstable: no run stays near it")
+    require((np.abs(multipliers_of(at)[0]) < 1).all(), "the orbit is unstable: no run stays near it")
     along, _ = slow_direction(at)
-    state = begin = m.state(at.z + along * (spin - at.image.spin) / m.unit)
+    state = begin = m.state(at.z + along * (spin - at.passage.spin) / m.unit)
     for _ in range(RUN_IN):
         state[PHASE] = 0.0
         state, modes, passage = m.recorder.run(m.row, state, m.periods, m.rtol)
-        if not passage.read.strikes:
-            raise OrbitLost("the motion dies: nothing strikes the plate")
+        require(passage.read.strikes, "the motion dies: nothing strikes the plate")
         there = replace(m, modes=modes)
         z = there.section.point(state)[there.free]
         z[there.slow] += (spin - passage.read.spin) / there.unit
         state = there.state(z)
     leap = np.delete(np.abs(m.section.point(state) - m.section.point(begin)), SPIN_COORDINATE)
-    if leap.max() > most:
-        raise OrbitLost("the run leaves for another motion")
+    require(leap.max() <= most, "the run leaves for another motion")
     yield from m.sections(passage)
 
 
@@ -301,14 +291,14 @@ def at_end(
 
 
 def orbit_through(m: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
-    """Find the orbit of a settled motion near a point of its section; raise OrbitLost if there is none."""
-    fixed = solve(m, z, m.image(z).spin)
+    """Find the orbit of a settled motion near a point of its section."""
+    fixed = solve(m, z, m.passage(z).spin)
     return orbit_of(fixed, slow_motion_of(fixed))
 
 
 def _starts(
     m: ReturnMap, spin: float | None, guess: Run | PeriodicOrbit | None
-) -> Iterator[tuple[str, Callable[[], Fixed]]]:
+) -> Iterator[tuple[str, Callable[[], Solution]]]:
     """Yield the name and the call of each way to an orbit of the map, in any section, in the order of trial."""
     if isinstance(guess, Run):
         yield "the end of the run", partial(_from_run, guess, m, spin)
@@ -321,31 +311,30 @@ def _starts(
             yield name, partial(_from_ball, m, spin, transient)
 
 
-def _found(fixed: Fixed) -> PeriodicOrbit:
-    """Return the orbit of a fixed point; raise OrbitLost if it repeats after fewer periods."""
+def _found(fixed: Solution) -> PeriodicOrbit:
+    """Return the orbit of a fixed point that does not repeat after fewer periods."""
     fixed = centred(fixed)
     shorter = repeats_after(fixed)
-    if shorter < fixed.map.periods:
-        raise OrbitLost(f"the motion found repeats after {shorter} already; ask for periods={shorter}")
+    again = f"the motion found repeats after {shorter} already; ask for periods={shorter}"
+    require(shorter == fixed.map.periods, again)
     slow_motion = slow_motion_of(fixed)
     # the multipliers that a run shows are those at its own points: on the slow manifold, not at the fixed point
-    matrix, gradient = fixed.map.jacobian(slow_motion.z)
-    seen = fixed._replace(matrix=matrix, gradient=gradient)
+    seen = fixed._replace(rows=fixed.map.differences(slow_motion.z))
     return replace(orbit_of(seen, slow_motion), fixed=fixed)
 
 
-def centred(fixed: Fixed) -> Fixed:
+def centred(fixed: Solution) -> Solution:
     """Return the fixed point in a section that suits it better, if there is one and it is found there, else itself."""
-    image = fixed.image
-    return fixed.map.in_own_section(fixed, image.passage, lambda m, z: solve(m, z, image.spin))
+    passage = fixed.passage
+    return fixed.map.in_own_section(fixed, passage, lambda m, z: solve(m, z, passage.spin))
 
 
-def repeats_after(fixed: Fixed) -> int:
+def repeats_after(fixed: Solution) -> int:
     """Return the least number of forcing periods after which a motion comes back to its point of the section."""
     m = fixed.map
     for k in range(1, m.periods):
         if m.periods % k == 0:
-            state, _ = m.sampled(fixed.image.passage, TURN * k)
+            state, _ = m.sampled(fixed.passage, TURN * k)
             # gaps and their rates are compared whether they are free or not: an end that is down here may be in the air
             # then
             fast = np.union1d(GAPS_AND_RATES, np.delete(m.free, m.slow))
@@ -354,27 +343,27 @@ def repeats_after(fixed: Fixed) -> int:
     return m.periods
 
 
-def _from_ball(m: ReturnMap, spin: float, transient: int) -> Fixed:
+def _from_ball(m: ReturnMap, spin: float, transient: int) -> Solution:
     """Find the fixed point at a spin from the ball's orbit, after a transient of `transient` times the map."""
     state = ball_state(m, spin)
     return solve(*settled_on(m, state, transient * m.periods), spin)
 
 
-def _from_run(run: Run, m: ReturnMap, spin: float | None) -> Fixed:
+def _from_run(run: Run, m: ReturnMap, spin: float | None) -> Solution:
     """Find the fixed point from the end of a run, at a spin or, by default, at the spin of the run."""
     m, z = of_run(run, m)
-    return solve(m, z, m.image(z).spin if spin is None else spin)
+    return solve(m, z, m.passage(z).spin if spin is None else spin)
 
 
-def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
+def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Solution:
     """Find the fixed point from another orbit, at a spin and the parameters of `m`.
 
     Newton's method begins at the point of the orbit. If it fails, the parameters and the spin go there in steps.
     """
     old, given = orbit.fixed.map, m.parameters
-    begin = orbit.fixed._replace(map=replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
+    begin = orbit.fixed.on_map(replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
 
-    def step(fixed: Fixed, there: float) -> Fixed:
+    def step(fixed: Solution, there: float) -> Solution:
         values = given
         if there < 1.0:
             first, last = (
@@ -388,8 +377,8 @@ def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Fixed:
     return in_steps(step, begin, SMALLEST_SHARE)
 
 
-def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -> Fixed:
-    """Find the fixed point at other parameters or another spin from one nearby; raise OrbitLost if there is none.
+def _beside(fixed: Solution, m: ReturnMap, spin: float, known: np.ndarray | None) -> Solution:
+    """Find the fixed point at other parameters or another spin from one nearby.
 
     Newton's method begins at the point nearby or, over a change of sequence, at the motion that a run settles on.
     """
@@ -398,9 +387,8 @@ def _beside(fixed: Fixed, m: ReturnMap, spin: float, known: np.ndarray | None) -
     except OrbitLost:
         if known is None:
             raise
-        for own, z in settled_near(fixed, m, spin):
-            with suppress(OrbitLost):
-                found = solve(own, z, spin)
-                if np.abs(found.z - z).max() < JOINED:
-                    return centred(found)
+        settled = settled_near(fixed, m, spin)
+        for found, z in all_found(partial(lambda own, z: (solve(own, z, spin), z), *each) for each in settled):
+            if np.abs(found.z - z).max() < JOINED:
+                return centred(found)
         raise

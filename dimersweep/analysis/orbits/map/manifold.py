@@ -8,12 +8,20 @@ in all sections, to second order in the change (the zero-derivative principle of
 doi 10.1137/040608295).
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from dimersweep.analysis.orbits.map.newton import TOLERANCE, Fixed, newton, solve, system
-from dimersweep.analysis.orbits.map.poincare import Image, OrbitLost, singular_lost
+from dimersweep.analysis.orbits.map.lost import attempt, singular_lost
+from dimersweep.analysis.orbits.map.passage import Passage
+from dimersweep.analysis.orbits.map.solution import (
+    TOLERANCE,
+    SlowMotion,
+    Solution,
+    multipliers_of,
+    newton,
+    slow_direction,
+    slow_motion_at,
+    solve,
+)
 
 # least distance of the multipliers of the fast part from 1: nearer, the fast part is as slow as the spin, and a slow
 # manifold means nothing
@@ -23,19 +31,6 @@ SMALL_SPIN = 5e-3  # spin at which its growth beside a plane is measured, in the
 WEIGHTS = 8.0  # sum of the weights of the points in a third difference, 1 + 3 + 3 + 1: their errors add up
 
 
-class SlowMotion(NamedTuple):
-    """A motion on the slow manifold, over a period."""
-
-    z: np.ndarray  # point of the section, shape (n,)
-    image: Image  # image of that point; its spin is the one asked for
-    # change of theta over a period, from the last impact of the bouncer before `z` to its last impact before the image
-    # [rad]
-    turn: float
-    drift: float  # change of the spin in the next period [rad/s]
-    turn_drift: float  # change of the turn from this period to the next one [rad]
-    residual: float  # largest error of the equations that it solves, in units of the section
-
-
 def eigenvector(matrix: np.ndarray, value: float) -> np.ndarray:
     """Return the real part of the eigenvector to the multiplier nearest to a value."""
     values, vectors = np.linalg.eig(matrix)
@@ -43,33 +38,7 @@ def eigenvector(matrix: np.ndarray, value: float) -> np.ndarray:
 
 
 @singular_lost()
-def slow_direction(fixed: Fixed) -> tuple[np.ndarray, float]:
-    """Return the derivative of the point by the spin (in its unit) along the family, and the drift of the spin [rad/s].
-
-    The drift is the change of the spin in a period of the motion. For it the change of the point over a period is
-    projected with the left eigenvector of the slow multiplier, since only its part along the manifold counts. The left
-    eigenvectors of all other multipliers, of which one is 1 at a fold, are across the family.
-    """
-    m = fixed.map
-    along = np.linalg.solve(system(m, fixed.matrix, fixed.gradient), np.eye(fixed.z.size)[m.slow])
-    row = max(np.linalg.eig(fixed.matrix.T)[1].real.T, key=lambda each: abs(each @ along))
-    return along, float(row @ (fixed.image.point - fixed.z) / (row @ along)) * m.unit
-
-
-@singular_lost()
-def multipliers_of(fixed: Fixed) -> tuple[np.ndarray, float]:
-    """Return the multipliers of the fast part, the largest first, and the multiplier of the slow direction.
-
-    They are those over the period of the motion. The slow one is nearest to 1.
-    """
-    values = np.linalg.eigvals(fixed.matrix)
-    slow = int(np.argmin(np.abs(values - 1)))
-    fast = np.delete(values, slow).astype(complex)
-    return fast[np.argsort(-np.abs(fast), kind="stable")], float(values[slow].real)
-
-
-@singular_lost()
-def lag(fixed: Fixed) -> np.ndarray:
+def lag(fixed: Solution) -> np.ndarray:
     """Return the vector from the fixed point to the slow manifold at the same spin, shape (n,).
 
     The vector, in units of the section, is of first order in the drift of the spin. It is zero without a fast part,
@@ -86,20 +55,13 @@ def lag(fixed: Fixed) -> np.ndarray:
     return away if np.abs(away).max() <= NEAR else np.zeros(fixed.z.size)
 
 
-def has_fast_part(fixed: Fixed) -> bool:
+def has_fast_part(fixed: Solution) -> bool:
     """Return True if there are multipliers beside the slow one, and all of them are away from 1."""
     fast, _ = multipliers_of(fixed)
     return bool(fast.size > 0 and np.abs(fast - 1).min() >= APART)
 
 
-def slow_motion_at(fixed: Fixed) -> SlowMotion:
-    """Return the fixed point as a motion on the manifold, with a turn proportional to its spin, as in rolling."""
-    image, drift = fixed.image, slow_direction(fixed)[1]
-    turn_drift = image.theta * drift / image.spin if image.spin else 0.0
-    return SlowMotion(fixed.z, image, image.theta, drift, turn_drift, fixed.residual)
-
-
-def growth_in_plane(fixed: Fixed) -> tuple[float, bool]:
+def growth_in_plane(fixed: Solution) -> tuple[float, bool]:
     """Return the growth of a small spin in a period beside a motion in a plane, and True if the drift is smooth there.
 
     The growth is the drift over the spin s, in the limit of no spin. The drift is odd in s. If it is smooth, the growth
@@ -117,7 +79,7 @@ def growth_in_plane(fixed: Fixed) -> tuple[float, bool]:
     return (4 * first - second) / 3, bool(abs(third - second - 4 * (second - first)) < TOLERANCE * m.rtol)
 
 
-def slow_motion_of(fixed: Fixed) -> SlowMotion:
+def slow_motion_of(fixed: Solution) -> SlowMotion:
     """Return the motion on the manifold at the spin of a fixed point.
 
     The fixed point itself is returned without a fast part, or where no motion on the manifold is found within `NEAR`.
@@ -125,23 +87,20 @@ def slow_motion_of(fixed: Fixed) -> SlowMotion:
     still = slow_motion_at(fixed)
     if not has_fast_part(fixed):
         return still
-    try:
-        slow_motion = slow_motion_near(fixed, fixed.z + lag(fixed), fixed.image.spin)
-    except OrbitLost:
-        return still
-    return slow_motion if np.abs(slow_motion.z - fixed.z).max() <= NEAR else still
+    slow_motion = attempt(lambda: slow_motion_near(fixed, fixed.z + lag(fixed), fixed.passage.spin))
+    return slow_motion if slow_motion and np.abs(slow_motion.z - fixed.z).max() <= NEAR else still
 
 
-def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
+def slow_motion_near(fixed: Solution, z: np.ndarray, spin: float) -> SlowMotion:
     """Find the motion on the manifold with a spin after the last impact [rad/s] that passes near a point `z`.
 
-    The map and the derivatives are those of a fixed point nearby. OrbitLost is raised if there is no such motion.
+    The map and the derivatives are those of a fixed point nearby.
     """
     m = fixed.map
 
-    def value(begin: np.ndarray) -> tuple[np.ndarray, list[Image]]:
+    def value(begin: np.ndarray) -> tuple[np.ndarray, list[Passage]]:
         images = m.chain(begin, 3)
-        a, b, c = (image.point for image in images)
+        a, b, c = (passage.point for passage in images)
         r = c - 3 * b + 3 * a - begin
         r[m.slow] = (images[1].spin - spin) / m.unit
         return r, images
@@ -151,13 +110,8 @@ def slow_motion_near(fixed: Fixed, z: np.ndarray, spin: float) -> SlowMotion:
         A[m.slow] = gradient @ matrix
         return A
 
-    begin = 2 * z - m.image(z).point  # one period before `z`, at an even pace: `z` is the second of the points
+    begin = 2 * z - m.passage(z).point  # one period before `z`, at an even pace: `z` is the second of the points
     target, known = WEIGHTS * TOLERANCE * m.rtol, derivative(fixed.matrix, fixed.gradient)
-    root = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, known)
-    before, here, after = root.extra
-    turn, next_turn = (
-        one.theta - one.passage.read.turned + two.passage.read.turned for one, two in ((before, here), (here, after))
-    )
-    return SlowMotion(
-        before.point, here, turn, after.spin - here.spin, next_turn - turn, float(np.abs(root.value).max())
-    )
+    _, (before, here, after), left, _ = newton(value, begin, lambda z: derivative(*m.jacobian(z)), target, known)
+    turn, next_turn = (one.theta - one.read.turned + two.read.turned for one, two in ((before, here), (here, after)))
+    return SlowMotion(before.point, here, turn, after.spin - here.spin, next_turn - turn, float(np.abs(left).max()))

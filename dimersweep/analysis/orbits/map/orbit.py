@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple, Unpack
 import numpy as np
 import xarray as xr
 
-from dimersweep.analysis.orbits.map.manifold import SlowMotion, multipliers_of, slow_motion_at
-from dimersweep.analysis.orbits.map.newton import Fixed
 from dimersweep.analysis.orbits.map.passage import TURN
 from dimersweep.analysis.orbits.map.poincare import ReturnMap
+from dimersweep.analysis.orbits.map.solution import SlowMotion, Solution, multipliers_of, slow_motion_at
 from dimersweep.cubes.cube import Column, fixed_coordinates, table
 from dimersweep.inputs import check_count, check_rtol
 from dimersweep.kernel.model.layout import CODE_WORDS, DI_ENDS, State
@@ -168,7 +167,7 @@ class PeriodicOrbit:
     sequence: str
     cost: float
     rtol: float
-    fixed: Fixed = field(repr=False)
+    fixed: Solution = field(repr=False)
     slow_motion: SlowMotion = field(repr=False)
     others: "tuple[PeriodicOrbit, ...]" = ()
 
@@ -219,7 +218,7 @@ class PeriodicOrbit:
         periods, rtol = check_count("periods", periods), check_rtol(rtol)
         m, recorder = self.fixed.map, self.fixed.map.recorder
         phase = (self.parameters["phi0"] - m.phase) % TURN
-        state, _ = m.sampled(self.slow_motion.image.passage, phase)
+        state, _ = m.sampled(self.slow_motion.passage, phase)
         # a run begins at the origin, whatever place, heading and spinning angle the passage has come to
         begun = State(*state)._replace(phase=0.0, period=0.0, theta=0.0, x1=0.0, y1=0.0, gamma=0.0)
         row = m.row_at(self.parameters["phi0"])
@@ -249,7 +248,7 @@ def circle_of(radius: float) -> str:
     return "in a plane" if np.isnan(radius) else f"radius {radius:.6g} m"
 
 
-def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrbit:
+def orbit_of(fixed: Solution, slow_motion: SlowMotion | None = None) -> PeriodicOrbit:
     """Return the orbit with the multipliers of a fixed point and the numbers of the slow motion beside it.
 
     Without a slow motion, the numbers are those of the fixed point, too.
@@ -257,16 +256,16 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
     m = fixed.map
     if slow_motion is None:
         slow_motion = slow_motion_at(fixed)
-    parameters, image = m.parameters, slow_motion.image
-    read = image.passage.read
+    parameters, passage = m.parameters, slow_motion.passage
+    read = passage.read
     turn = slow_motion.turn / m.periods
-    in_plane = abs(turn) <= CIRCLE or abs(image.spin) <= PLANE * m.unit
+    in_plane = abs(turn) <= CIRCLE or abs(passage.spin) <= PLANE * m.unit
     rate = 0.0 if in_plane else turn * parameters["f"]
     fast, slow = multipliers_of(fixed)
     return PeriodicOrbit(
         parameters=dict(parameters),
         periods=m.periods,
-        spin=image.spin,
+        spin=passage.spin,
         radius=read.speed / abs(rate) if rate else float("nan"),
         period=TURN / abs(rate) if rate else float("nan"),
         precession_rate=rate,
@@ -280,7 +279,7 @@ def orbit_of(fixed: Fixed, slow_motion: SlowMotion | None = None) -> PeriodicOrb
         slow_multiplier=slow,
         stable=bool((np.abs(fast) < 1).all()),
         residual=fixed.residual,
-        sequence=image.passage.sequence,
+        sequence=passage.sequence,
         cost=m.recorder.periods,
         rtol=m.rtol,
         fixed=fixed,

@@ -188,10 +188,24 @@ class Passage:
         Symbols of the events, see ``kernel.passage``.
     read : Read
         Numbers that are read off the record.
+    point : ndarray, shape (n,)
+        Image in the coordinates that are free in the section; empty for a run that was not asked for it.
     """
 
-    def __init__(self, events: np.ndarray, segments: np.ndarray, symbols: np.ndarray, read: Read) -> None:
-        self.events, self.segments, self.symbols, self.read = events, segments, symbols, read
+    def __init__(
+        self, events: np.ndarray, segments: np.ndarray, symbols: np.ndarray, read: Read, point: np.ndarray
+    ) -> None:
+        self.events, self.segments, self.symbols, self.read, self.point = events, segments, symbols, read, point
+
+    @property
+    def spin(self) -> float:
+        """Spin after the last impact of the bouncer or, without one, at the end before it is put back [rad/s]."""
+        return self.read.spin
+
+    @property
+    def theta(self) -> float:
+        """Change of theta over the passage [rad]."""
+        return self.read.theta
 
     @cached_property
     def times(self) -> np.ndarray:

@@ -4,12 +4,11 @@ The section is a phase of the plate away from the events of the orbit. A point o
 coordinates of `period_map.NAMES` that are free in the contact there, in their units. The axial spin is one of them; the
 others are the fast part. The cost of all runs is counted in forcing periods.
 
-The map, and all that is built on it, raises `OrbitLost` where the kernel cannot go on, or where the motion comes to the
-section in another contact. A fault of the kernel raises `KernelError` instead.
+Where the kernel cannot go on, or the motion comes to the section in another contact, the orbit is lost (see `lost`).
+A fault of the kernel raises `KernelError` instead.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,8 +16,9 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, require
 from dimersweep.analysis.orbits.map.passage import TURN, Passage
-from dimersweep.errors import KernelError, OrbitError, ParameterError
+from dimersweep.errors import KernelError, ParameterError
 from dimersweep.kernel.batch import run_request
 from dimersweep.kernel.course import new_workspace
 from dimersweep.kernel.model.body import dimer_of
@@ -55,68 +55,10 @@ WHY_NONE = {
     SUNK: "an end meets the plate at the section",
     STEEP: "no dimer is so steep",
     OTHER_CONTACT: "the contact at the section changes",
+    **{status: STATUS_MESSAGES[status] for status in (MAX_EVENTS, JAMMED, RECORD_FULL)},
 }
 
 T = TypeVar("T")
-
-
-class OrbitLost(OrbitError):
-    """The error of a map or an orbit that does not exist here, or is not found; its one line says why."""
-
-
-@contextmanager
-def singular_lost() -> Iterator[None]:
-    """Raise OrbitLost for a matrix without an inverse or eigenvectors; a context, and a decorator of functions."""
-    try:
-        yield
-    except np.linalg.LinAlgError as error:
-        raise OrbitLost(f"the derivatives there are of no use ({error})") from error
-
-
-def first_found(ways: Iterable[Callable[[], T]]) -> T:
-    """Return the result of the first way that succeeds, or raise the error of the last way if all fail."""
-    reason: OrbitError = OrbitLost("there is nothing to begin with")
-    for way in ways:
-        try:
-            return way()
-        except OrbitError as error:
-            reason = error
-    raise reason
-
-
-def in_steps(step: Callable[[T, float], T], begin: T, least: float) -> T:
-    """Go the whole way from `begin` in steps, and return the result of the last one.
-
-    ``step(here, to)`` goes on from a result to the share `to` of the way, which is 1 at the end. The first step is the
-    whole way. A step that raises OrbitLost is halved, down to a share of `least`, and the next one is twice as long.
-    """
-    here, done, length = begin, 0.0, 1.0
-    while done < 1.0:
-        to = min(1.0, done + length)
-        try:
-            here, done, length = step(here, to), to, 2 * length
-        except OrbitLost as reason:
-            length *= 0.5
-            if length < least:
-                raise OrbitLost(f"{reason}, {done:.0%} of the way") from reason
-    return here
-
-
-class Image(NamedTuple):
-    """The image of a point of the section, and the record of the passage that leads there."""
-
-    point: np.ndarray  # image in the free coordinates, shape (n,)
-    passage: Passage
-
-    @property
-    def spin(self) -> float:
-        """Spin after the last impact of the bouncer or, without one, at the end before it is put back [rad/s]."""
-        return self.passage.read.spin
-
-    @property
-    def theta(self) -> float:
-        """Change of theta over the passage [rad]."""
-        return self.passage.read.theta
 
 
 class Recorder:
@@ -146,7 +88,7 @@ class Recorder:
 
         (status, state, modes), reading = self._recorded(1, made)
         _check(status)
-        return state, modes, self.passages(reading)[0]
+        return state, modes, self.passages(reading, [np.empty(0)])[0]
 
     def images(self, m: "ReturnMap", points: np.ndarray, chained: bool) -> tuple[np.ndarray, Reading]:
         """Return the images of points of a map, shape (n, k), and the numbers that are read off the record.
@@ -174,13 +116,13 @@ class Recorder:
                 return told, reading
             self.record = new_record(RECORD_GROWTH * rows)
 
-    def passages(self, reading: Reading) -> list[Passage]:
-        """Return a copy of each passage in the record."""
+    def passages(self, reading: Reading, points: Iterable[np.ndarray]) -> list[Passage]:
+        """Return a copy of each passage in the record, with the image that it leads to."""
         found, event, segment = [], 0, 0
-        for read in map(Read._make, reading.rows.tolist()):
+        for read, point in zip(map(Read._make, reading.rows.tolist()), points, strict=True):
             events, segments = slice(event, int(read.events)), slice(segment, int(read.segments))
             rows = self.record.events[events].copy(), self.record.segments[segments].copy()
-            found.append(Passage(*rows, reading.symbols[events].copy(), read))
+            found.append(Passage(*rows, reading.symbols[events].copy(), read, point))
             event, segment = events.stop, segments.stop
         return found
 
@@ -231,10 +173,7 @@ class ReturnMap:
         return dimer_of(self.row)
 
     def at(self, name: str, value: float) -> "ReturnMap":
-        """Return the map in the same section at another value of a parameter.
-
-        Raise OrbitLost if the value is not allowed beside the other parameters.
-        """
+        """Return the map in the same section at another value of a parameter, if it is allowed beside the others."""
         if value == self.parameters.get(name):
             return self
         parameters = self.parameters | {name: value}
@@ -260,7 +199,7 @@ class ReturnMap:
     def state(self, z: np.ndarray) -> np.ndarray:
         """Return the kernel's state at a point of the section.
 
-        Raise OrbitLost if an end is below the plate, or higher above the other end than the dimer is long.
+        There is none where an end is below the plate, or higher above the other end than the dimer is long.
         """
         point = np.zeros(self.section.units.size)
         point[self.free] = z
@@ -268,28 +207,19 @@ class ReturnMap:
         _check(status)
         return state
 
-    def image(self, z: np.ndarray) -> Image:
-        """Return the image of a point after the periods of the motion.
-
-        Raise OrbitLost if there is no state at the point, or the motion comes to the section in another contact.
-        """
+    def passage(self, z: np.ndarray) -> Passage:
+        """Return the passage from a point to its image, after the periods of the motion."""
         return self.chain(z, 1)[0]
 
-    def chain(self, z: np.ndarray, count: int) -> list[Image]:
-        """Return the image of a point, the image of that image, and so on, `count` images in all.
-
-        Raise OrbitLost as `image` does.
-        """
+    def chain(self, z: np.ndarray, count: int) -> list[Passage]:
+        """Return the passage from a point to its image, from there to the image of that, and so on, `count` in all."""
         points = np.empty((count, z.size))
         points[0] = z
         found, reading = self.recorder.images(self, points, True)
-        return [Image(*each) for each in zip(found, self.recorder.passages(reading), strict=True)]
+        return self.recorder.passages(reading, found)
 
     def images(self, points: np.ndarray) -> np.ndarray:
-        """Return the images of points, shape (n, k), with the spins in their unit as a last column.
-
-        Raise OrbitLost if one of them has no image, as `image` does.
-        """
+        """Return the images of points, shape (n, k), with the spins in their unit as a last column."""
         found, reading = self.recorder.images(self, points, False)
         return np.column_stack([found, reading.rows[:, R_SPIN] / self.unit])
 
@@ -299,7 +229,10 @@ class ReturnMap:
         return rows[:-1], rows[-1]
 
     def differences(
-        self, z: np.ndarray, senses: np.ndarray | None = None, mark: Callable[["ReturnMap", Image], float] | None = None
+        self,
+        z: np.ndarray,
+        senses: np.ndarray | None = None,
+        mark: Callable[["ReturnMap", Passage], float] | None = None,
     ) -> np.ndarray:
         """Return the derivatives of the image, of the spin in its unit, and of a `mark`, by the coordinates.
 
@@ -311,7 +244,7 @@ class ReturnMap:
             Side, 1 or -1, to which the difference by each coordinate is taken, as where an end grazes; by default the
             differences are central.
         mark : callable, optional
-            Function of a map and an image.
+            Function of a map and a passage.
 
         Returns
         -------
@@ -324,8 +257,8 @@ class ReturnMap:
         if mark is None:
             seen = self.images(points)
         else:
-            along = [self.image(point) for point in points]
-            seen = np.array([[*image.point, image.spin / self.unit, mark(self, image)] for image in along])
+            along = [self.passage(point) for point in points]
+            seen = np.array([[*passage.point, passage.spin / self.unit, mark(self, passage)] for passage in along])
         return (seen[: z.size] - seen[z.size :]).T / (np.diag(steps) * (2 if senses is None else 1))
 
     def in_own_section(
@@ -334,13 +267,13 @@ class ReturnMap:
         """Return ``make(map, point)`` in a better section if this one does not suit the motion, else `now`.
 
         A section does not suit if an event has come near or, with `simplest`, if fewer coordinates are free elsewhere
-        in the period. If `make` raises OrbitLost in the better section, `now` is returned.
+        in the period. `now` is returned, too, if `make` finds no orbit in the better section.
         """
         inner = passage.times[np.mod(passage.times, TURN) > 0]
         near = inner.size and min(inner[0], self.periods * TURN - inner[-1]) <= MARGIN * TURN
         if near or (simplest and self.free.size > best_phase(passage, self.periods).free):
-            with suppress(OrbitLost):
-                return make(*self.moved(passage))
+            better = attempt(lambda: make(*self.moved(passage)))
+            return now if better is None else better
         return now
 
     def moved(self, passage: Passage) -> tuple["ReturnMap", np.ndarray]:
@@ -384,11 +317,8 @@ class ReturnMap:
 
 
 def _check(status: int) -> None:
-    """Raise OrbitLost for the status of a motion that does not go on, and KernelError for a fault of the kernel."""
-    if status in WHY_NONE:
-        raise OrbitLost(WHY_NONE[status])
-    if status in (MAX_EVENTS, JAMMED, RECORD_FULL):
-        raise OrbitLost(STATUS_MESSAGES[status])
+    """Require that a motion goes on, by its status; raise KernelError for a fault of the kernel."""
+    require(status not in WHY_NONE, WHY_NONE.get(status, ""))
     if status != OK:
         raise KernelError(STATUS_MESSAGES[status])
 

@@ -5,7 +5,6 @@ on the level plate, once in each round. The displacement in a period turns with 
 swing has a mean: the velocity of the centre.
 """
 
-from contextlib import suppress
 from dataclasses import replace
 from math import atan2, pi, remainder, sqrt
 from typing import NamedTuple
@@ -13,9 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from dimersweep.analysis.orbits.map.finding import RTOL, checked, checked_spin, orbit_at
-from dimersweep.analysis.orbits.map.newton import NEWTON_STEPS
+from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, require, singular_lost
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.map.poincare import TURN, OrbitLost, ReturnMap, singular_lost
+from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
+from dimersweep.analysis.orbits.map.solution import NEWTON_STEPS
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import check_rtol
 from dimersweep.kernel.model.layout import THETA, X1, Y1
@@ -53,7 +54,7 @@ class Swings:
 
         Return the greatest swing, the displacement of the centre in a period of the orbit (X + i Y) [m], and the change
         of the mean spin in it [rad/s]. The last two are those before the last step. With `most` = 1 one step is taken,
-        converged or not; else raise OrbitLost if the steps do not converge.
+        converged or not.
         """
         given = {name: share * value if name in NOT_LEVEL else value for name, value in self.plate.items()}
         m, n = replace(self.map, parameters=given), self.z.size
@@ -83,8 +84,7 @@ def _passed(m: ReturnMap, z: np.ndarray, heading: float) -> np.ndarray:
     state = m.state(z)
     state[THETA] = heading
     state, modes, _ = m.recorder.run(m.row, state, m.periods, m.rtol, path=True)
-    if (modes != m.modes).any():
-        raise OrbitLost("the contact at the section changes")
+    require((modes == m.modes).all(), "the contact at the section changes")
     return np.array([*m.section.point(state)[m.free], state[THETA] - heading, state[X1], state[Y1]])
 
 
@@ -169,8 +169,8 @@ def centre_drift(
     low, high, rounds = begin, 1 / given[name], orbit.period * given["f"] / orbit.periods
     while high > HELD * low:
         share, holds = min(4 * low, sqrt(low * high)), False
-        with suppress(OrbitLost):
-            _, there, lost = swings.on(share)
+        if swung := attempt(swings.on, share):
+            _, there, lost = swung
             holds = abs(there * begin / share / way - 1) + abs(lost / orbit.spin) * rounds <= FIRST_ORDER
         low, high = (share, high) if holds else (low, share)
     v = way / begin * given["f"] / orbit.periods

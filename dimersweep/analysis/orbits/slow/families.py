@@ -5,7 +5,6 @@ the orbits of the family one after the other. The family is followed on the slow
 fast part lie beside it.
 """
 
-from contextlib import suppress
 from functools import partial
 from math import prod
 
@@ -15,17 +14,11 @@ import xarray as xr
 from dimersweep.analysis.orbits.continuation.following import traced
 from dimersweep.analysis.orbits.continuation.kinds import FOLD
 from dimersweep.analysis.orbits.map.finding import RTOL, checked, checked_spin, orbit_at, settled_near
-from dimersweep.analysis.orbits.map.manifold import (
-    NEAR,
-    SlowMotion,
-    has_fast_part,
-    slow_direction,
-    slow_motion_near,
-    slow_motion_of,
-)
-from dimersweep.analysis.orbits.map.newton import fixed_at, solve, system
+from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, first_found, in_steps, require
+from dimersweep.analysis.orbits.map.manifold import NEAR, has_fast_part, slow_motion_near, slow_motion_of
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, dataset, orbit_of
-from dimersweep.analysis.orbits.map.poincare import JOINED, OrbitLost, ReturnMap, first_found, in_steps
+from dimersweep.analysis.orbits.map.poincare import JOINED, ReturnMap
+from dimersweep.analysis.orbits.map.solution import SlowMotion, fixed_at, slow_direction, solve, system
 from dimersweep.cubes.cube import column, finished
 from dimersweep.cubes.grid import evenly
 from dimersweep.errors import OrbitError, ParameterError
@@ -123,11 +116,10 @@ def walk(first: PeriodicOrbit, spins: np.ndarray, runs: bool = False) -> tuple[d
     last, k, missed = [first], 0, 0
     while k < len(spins):
         spin = float(spins[k])
-        try:
-            nxt = _next(last, spin, runs)
-        except OrbitLost:
+        nxt = attempt(_next, last, spin, runs)
+        if nxt is None:
             missed += 1
-            if k + 1 < len(spins) and (missed == 1 or _near(last[0].spin, spin)):
+            if k + 1 < len(spins) and (missed == 1 or abs(last[0].spin - spin) <= MISSING_OVER * abs(spin)):
                 k += 1
                 continue
             k -= missed - 1  # back to the first spin that was missed
@@ -158,20 +150,15 @@ def _next(last: list[PeriodicOrbit], spin: float, leaps: bool) -> PeriodicOrbit:
     return in_steps(step, last, max(SHORTEST, 0.5 * MISSING_OVER * abs(spin / ((spin - begin) or 1.0))))[0]
 
 
-def _near(a: float, b: float) -> bool:
-    """Return True if two spins are so near that orbits may be missing between them."""
-    return abs(a - b) <= MISSING_OVER * abs(b)
-
-
 def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
     """Find the orbit at another spin, along the family; `last` has the orbits before, the nearest first.
 
-    Raise OrbitLost if there is no orbit nearby, or if it lies so far from its guess that it may belong to another
-    family. Where an event lies near its section, the orbit is returned in another section in which it is found.
+    One that lies so far from its guess that it may belong to another family counts as lost. Where an event lies near
+    its section, the orbit is returned in another section in which it is found.
     """
     near = last[0].fixed
     m = near.map
-    z = near.z + slow_direction(near)[0] * (spin - near.image.spin) / m.unit
+    z = near.z + slow_direction(near)[0] * (spin - near.passage.spin) / m.unit
     same = {one.spin: one.fixed.z for one in last if one.fixed.map.phase == m.phase and one.fixed.z.size == near.z.size}
     if len(same) == THROUGH:  # the parabola by Lagrange's formula
         z = np.sum([prod((spin - s) / (at - s) for s in same if s != at) * there for at, there in same.items()], axis=0)
@@ -179,12 +166,11 @@ def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
         slow_motion = slow_motion_near(near, z, spin)
     else:
         slow_motion = slow_motion_of(solve(m, z, spin, system(m, near.matrix, near.gradient)))
-    if np.abs(slow_motion.z - z).max() > NEAR:
-        raise OrbitLost("the next orbit lies aside of the family")
+    require(np.abs(slow_motion.z - z).max() <= NEAR, "the next orbit lies aside of the family")
     orbit = on_family(m, slow_motion)
     return m.in_own_section(
         orbit,
-        slow_motion.image.passage,
+        slow_motion.passage,
         lambda own, z: on_family(own, slow_motion_near(fixed_at(own, z), z, spin)),
     )
 
@@ -192,32 +178,30 @@ def step_along(last: list[PeriodicOrbit], spin: float) -> PeriodicOrbit:
 def run_onto(last: PeriodicOrbit, spin: float, most: float) -> PeriodicOrbit:
     """Return the motion at another spin that a run from an orbit settles on.
 
-    It lies at most `most` from where the orbit leads, in units of the section. Raise OrbitLost if the orbit is not
-    stable, or if the run does not come to an orbit.
+    It lies at most `most` from where the orbit leads, in units of the section. The orbit must be stable.
     """
-    for there, z in settled_near(last.fixed, last.fixed.map, spin, most):
-        with suppress(OrbitLost):
-            slow_motion = slow_motion_near(fixed_at(there, z), z, spin)
-            if np.delete(np.abs(slow_motion.z - z), there.slow).max() <= NEAR:
-                return on_family(there, slow_motion)
-    raise OrbitLost("the run comes to no orbit")
+
+    def found(there: ReturnMap, z: np.ndarray) -> PeriodicOrbit:
+        slow_motion = slow_motion_near(fixed_at(there, z), z, spin)
+        require(np.delete(np.abs(slow_motion.z - z), there.slow).max() <= NEAR, "the run comes to another motion")
+        return on_family(there, slow_motion)
+
+    settled = settled_near(last.fixed, last.fixed.map, spin, most)
+    return first_found((partial(found, *place) for place in settled), "the run comes to no orbit")
 
 
 def _along_branch(last: PeriodicOrbit, spin: float) -> PeriodicOrbit:
-    """Find the orbit at another spin along the branch of fixed points; raise OrbitLost, with why the family ends."""
+    """Find the orbit at another spin along the branch of fixed points; if it is lost, the reason says why the family ends."""
     fixed = solve(last.fixed.map, last.fixed.z, last.spin)
     rows, end, _ = traced(orbit_of(fixed), "spin", spin, sequences=False)
-    if not end.startswith("to:"):
-        for row in reversed(rows):
-            if row.kind is FOLD:
-                raise OrbitLost(f"fold at spin = {row.value:.6g} rad/s")
-        raise OrbitLost(f"{end}, at spin = {rows[-1].value:.6g} rad/s")
-    orbit = rows[-1].orbit
-    if orbit.slow_motion.z is orbit.fixed.z and has_fast_part(orbit.fixed):
-        raise OrbitLost(f"no motion drifts by the fixed point, at spin = {spin:.6g} rad/s")
+    folds = [f"fold at spin = {row.solution.value:.6g} rad/s" for _, row in rows if row.kind is FOLD]
+    require(end.startswith("to:"), folds[-1] if folds else f"{end}, at spin = {rows[-1][1].solution.value:.6g} rad/s")
+    orbit = rows[-1][0]
+    drifts = orbit.slow_motion.z is not orbit.fixed.z or not has_fast_part(orbit.fixed)
+    require(drifts, f"no motion drifts by the fixed point, at spin = {spin:.6g} rad/s")
     return on_family(orbit.fixed.map, orbit.slow_motion)
 
 
 def on_family(m: ReturnMap, slow_motion: SlowMotion) -> PeriodicOrbit:
     """Return the orbit of a motion on the slow manifold; its `fixed` has the point and derivatives of that motion."""
-    return orbit_of(fixed_at(m, slow_motion.z, slow_motion.image, slow_motion.residual), slow_motion)
+    return orbit_of(fixed_at(m, slow_motion.z, slow_motion.passage, slow_motion.residual), slow_motion)

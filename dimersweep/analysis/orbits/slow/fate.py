@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
 
+from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, circle_of
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
 from dimersweep.analysis.orbits.slow.sheets import Sheet, Standing, Stretch, drifted, stretch_of
 from dimersweep.analysis.orbits.slow.slow_flow import Arrival, flow_of
 from dimersweep.errors import ParameterError
@@ -201,10 +201,7 @@ def _after(orbit: PeriodicOrbit, periods: float) -> Later:
 
 def _at(sheet: Sheet, spin: float, leaps: Sequence[Leap] = ()) -> Later:
     """Return the motion at a spin of a sheet; where no orbit is found, with the circle of the nearest orbit."""
-    try:
-        orbit = sheet.at(spin)
-    except OrbitLost:
-        orbit = min(sheet.orbits, key=lambda one: abs(one.spin - spin))
+    orbit = attempt(sheet.at, spin) or min(sheet.orbits, key=lambda one: abs(one.spin - spin))
     return Later(spin, orbit.radius, orbit.period, orbit.zeta, leaps=tuple(leaps))
 
 

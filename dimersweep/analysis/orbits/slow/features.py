@@ -95,7 +95,7 @@ def features_from(
 
 def features_of_orbit(orbit: PeriodicOrbit, mirrors: Mirrors) -> Features:
     """Return the features of an orbit, at its spin."""
-    return features_of(orbit.fixed.map, orbit.slow_motion.image.passage, mirrors)
+    return features_of(orbit.fixed.map, orbit.slow_motion.passage, mirrors)
 
 
 def apart(a: Features, b: Features, mirrors: Mirrors) -> float:

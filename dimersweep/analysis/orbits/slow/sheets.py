@@ -17,9 +17,10 @@ from scipy.optimize import brentq
 
 from dimersweep.analysis.orbits.continuation.steps import LOCATED
 from dimersweep.analysis.orbits.map.finding import RTOL
+from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, first_found, in_steps, require
 from dimersweep.analysis.orbits.map.manifold import slow_motion_near
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.map.poincare import JOINED, OrbitLost, first_found, in_steps
+from dimersweep.analysis.orbits.map.poincare import JOINED
 from dimersweep.analysis.orbits.slow.families import SHORTEST, on_family, run_onto, step_along
 from dimersweep.errors import ParameterError
 
@@ -117,7 +118,7 @@ class Sheet:
         return np.array([one.spin for one in self.orbits])
 
     def at(self, spin: float) -> PeriodicOrbit:
-        """Return the orbit at a spin; raise OrbitLost if neither of its neighbours leads to it."""
+        """Return the orbit at a spin, to which one of its neighbours leads."""
         above = int(np.clip(np.searchsorted(self.spins, spin), 1, self.spins.size - 1))
         near = sorted(self.orbits[above - 1 : above + 1], key=lambda one: abs(one.spin - spin))
         return near[0] if near[0].spin == spin else first_found(partial(step_along, [one], spin) for one in near)
@@ -130,10 +131,9 @@ class Sheet:
         between = [np.interp(orbit.spin, self.spins, each) for each in columns]
         if not np.isclose(own[-1], between[-1], rtol=SAME_DRIFT, atol=LOCATED):
             return False
-        try:
-            return _alike(own, _looks(self.at(orbit.spin)), ON_SHEET)
-        except OrbitLost:  # derivatives are of no use there: compare with the interpolation between neighbours
-            return _alike(own, between, NEAR_SHEET)
+        # where derivatives are of no use, compare with the interpolation between neighbours
+        there = attempt(self.at, orbit.spin)
+        return _alike(own, _looks(there), ON_SHEET) if there else _alike(own, between, NEAR_SHEET)
 
 
 def _looks(orbit: PeriodicOrbit) -> tuple[float, float, float, float]:
@@ -151,7 +151,7 @@ def _alike(one: Sequence[float], other: Sequence[float], share: float) -> bool:
 
 
 def onward(first: PeriodicOrbit, to: float) -> Iterator[PeriodicOrbit]:
-    """Yield the orbits of a sheet from one on, up to a spin; raise OrbitLost where the sheet ends before.
+    """Yield the orbits of a sheet from one on, up to a spin; the next one is lost where the sheet ends before.
 
     The end, and each change of sequence, is located to `LOCATED`: the change has an orbit on both sides. Where no orbit
     is found beyond a change, a run finds the motion with which the sheet goes on.
@@ -184,54 +184,46 @@ def onward(first: PeriodicOrbit, to: float) -> Iterator[PeriodicOrbit]:
 
 
 def _steadily(last: list[PeriodicOrbit], spin: float, over_change: bool) -> PeriodicOrbit:
-    """Return the orbit at another spin; raise OrbitLost if the motion leaps or becomes unstable.
+    """Return the orbit at another spin, if the motion neither leaps nor becomes unstable on the way.
 
-    Unless `over_change`, also raise it if the drift differs from its extrapolation by more than `SAME_DRIFT`, or than
-    `UNSEEN_BEND` where the sequence changes.
+    Unless `over_change`, the drift may differ from its extrapolation by no more than `SAME_DRIFT`, and by `UNSEEN_BEND`
+    where the sequence changes.
     """
     here, nxt = last[0], step_along(last, spin)
-    if not nxt.stable:
-        raise OrbitLost("the orbit becomes unstable")
+    require(nxt.stable, "the orbit becomes unstable")
     allowed = SAME_DRIFT if nxt.sequence == here.sequence else UNSEEN_BEND
-    if not over_change and _unforeseen(last[1::-1], nxt) > allowed:
-        raise OrbitLost("the sequence or the drift changes")
-    if _leaps(here, nxt):
-        raise OrbitLost("the drift leaps")
+    require(over_change or _unforeseen(last[1::-1], nxt) <= allowed, "the sequence or the drift changes")
+    require(not _leaps(here, nxt), "the drift leaps")
     if len(last) > 1:
         points = [one.fixed for one in (nxt, here, last[1])]
         if len({(one.map.phase, one.z.size) for one in points}) == 1:
             b, a, before = (one.z for one in points)
             pace = np.abs(a - before).max() / abs(here.spin - last[1].spin)
-            if np.abs(b - a).max() > LEAPT * pace * abs(spin - here.spin) + ROUNDED:
-                raise OrbitLost("the motion leaps")
+            require(np.abs(b - a).max() <= LEAPT * pace * abs(spin - here.spin) + ROUNDED, "the motion leaps")
     return nxt
 
 
 def _joined(end: PeriodicOrbit, sense: float) -> PeriodicOrbit:
     """Find by a run the orbit with which a sheet goes on beyond the orbit `end`, in the `sense` of the spin (1 or -1).
 
-    Raise OrbitLost if the orbit found is on another sheet: then that sheet reaches back to the spin of `end`.
+    It must not be on another sheet, which reaches back to the spin of `end`.
     """
     nxt = taken_up(end, sense, JOINED)
-    try:
-        beside = in_steps(lambda one, share: step_along([one], nxt.spin + share * (end.spin - nxt.spin)), nxt, SHORTEST)
-    except OrbitLost:
-        return nxt
-    if beside.stable and not _alike(_looks(beside), _looks(end), ON_SHEET):
-        raise OrbitLost("the motion leaps")
+    back = attempt(in_steps, lambda one, to: step_along([one], nxt.spin + to * (end.spin - nxt.spin)), nxt, SHORTEST)
+    same = back is None or not back.stable or _alike(_looks(back), _looks(end), ON_SHEET)
+    require(same, "the motion leaps")
     return nxt
 
 
 def taken_up(end: PeriodicOrbit, sense: float, most: float) -> PeriodicOrbit:
     """Find by a run the stable motion beyond an orbit in the `sense` of the spin, over spins without one.
 
-    It lies at most `most` from where the orbit leads, as for `run_onto`. Raise OrbitLost if there is none.
+    It lies at most `most` from where the orbit leads, as for `run_onto`.
     """
 
     def at(share: float) -> PeriodicOrbit:
         orbit = run_onto(end, end.spin + sense * share * abs(end.spin), most)
-        if not orbit.stable:
-            raise OrbitLost("the orbit becomes unstable")
+        require(orbit.stable, "the orbit becomes unstable")
         return orbit
 
     return first_found(partial(at, share) for share in TAKEN_UP)
@@ -330,7 +322,10 @@ def _within(stretch: Stretch, spin: float, periods: float) -> tuple[float, float
 
 
 class Standing(NamedTuple):
-    """A spin at which nothing drifts, or an end of a sheet at which the drift changes its sign."""
+    """A spin at which nothing drifts, or an end of a sheet at which the drift changes its sign.
+
+    It is a type of its own, beside `Event`, since no branch is followed there: it has the rate at which the spin settles.
+    """
 
     orbit: PeriodicOrbit
     # relative growth of a small deviation from the spin per forcing period: negative if the spin
@@ -361,10 +356,9 @@ def standing(sheet: Sheet) -> Iterator[Standing]:
     moving = [one for k, one in enumerate(sheet.orbits) if k in planes or one.spin_drift != 0]
     for a, b in pairwise(moving):
         if a.spin_drift * b.spin_drift < 0 and min(abs(a.spin), abs(b.spin)) > LOCATED * still:
-            try:
-                yield _located(Sheet([a, b], "", ""), LOCATED * max(abs(a.spin), still))
-            except OrbitLost:  # the drift changes its sign over spins that have no orbit
-                yield Standing(a, np.copysign(np.inf, b.spin_drift), b.spin - a.spin)
+            stands = attempt(_located, Sheet([a, b], "", ""), LOCATED * max(abs(a.spin), still))
+            # if none is found, the drift changes its sign over spins that have no orbit
+            yield stands or Standing(a, np.copysign(np.inf, b.spin_drift), b.spin - a.spin)
 
 
 def _located(between: Sheet, within: float) -> Standing:
@@ -389,9 +383,8 @@ def _error(orbit: PeriodicOrbit, rate: float) -> float:
     """
     fixed = orbit.fixed
     m = replace(fixed.map, rtol=10 * fixed.map.rtol)
-    try:
-        other = slow_motion_near(fixed._replace(map=m), fixed.z, orbit.spin)
-    except OrbitLost:
+    other = attempt(slow_motion_near, fixed.on_map(m), fixed.z, orbit.spin)
+    if other is None:
         return float("nan")
     left = max(other.residual, orbit.slow_motion.residual) * m.unit
     return (left + abs(other.drift - orbit.slow_motion.drift)) / (m.periods * abs(rate))

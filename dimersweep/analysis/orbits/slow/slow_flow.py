@@ -5,15 +5,17 @@ sheet. Sheets may lead to one another: then the spin goes to and fro between the
 """
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from dimersweep.analysis.orbits.map.finding import MOST_TURNS, of_run, orbit_through
+from dimersweep.analysis.orbits.map.lost import OrbitLost, all_found, attempt, require
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit
-from dimersweep.analysis.orbits.map.poincare import TURN, OrbitLost
+from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.poincare import ReturnMap
 from dimersweep.analysis.orbits.slow.sheets import (
     NEUTRAL,
     Sheet,
@@ -25,6 +27,7 @@ from dimersweep.analysis.orbits.slow.sheets import (
 )
 from dimersweep.errors import OrbitError
 from dimersweep.kernel.model.layout import DOWN_WORDS
+from dimersweep.runs.run import Run
 
 # forcing periods of the stages of a run over the end of a sheet: it stops after the first stage by which it has settled
 LANDS_AFTER = (100, 300, 1000, 3000)
@@ -38,7 +41,7 @@ SPIN_KINDS = ("spin", "end", "cycle", NEUTRAL, "plane")  # kinds of limits of th
 
 
 class Arrival(NamedTuple):
-    """The orbit that a run reaches which drifts over the end of a sheet."""
+    """The orbit that a run reaches which drifts over the end of a sheet, with the time that this takes."""
 
     orbit: PeriodicOrbit
     periods: float  # forcing periods of the run up to there
@@ -53,9 +56,8 @@ def landing(end: PeriodicOrbit) -> Arrival | Standing | str:
     led = _landed(end, any_period=False)
     if isinstance(led, Arrival):
         return led
-    try:
-        beyond = taken_up(end, np.sign(end.spin_drift), np.inf)
-    except OrbitLost:
+    beyond = attempt(taken_up, end, np.sign(end.spin_drift), np.inf)
+    if beyond is None:
         return _landed(end, any_period=True)
     way = abs(beyond.spin - end.spin)
     back = beyond.spin_drift * end.spin_drift < 0
@@ -74,14 +76,17 @@ def _landed(end: PeriodicOrbit, any_period: bool) -> Arrival | str:
         run = run.go_on(more) if more else run
         if run.mode in DOWN_WORDS or not (run.mode_period if any_period else run.mode_period == m.periods):
             continue
-        try:
-            own, z = of_run(run, replace(m, periods=run.mode_period))
-            orbit = orbit_through(own, z)
-        except OrbitLost:
-            continue
-        if orbit.stable and np.abs(orbit.slow_motion.z - z).max() < LANDED:
+        if orbit := attempt(_orbit_near, run, replace(m, periods=run.mode_period)):
             return Arrival(orbit, run.n_periods)
     return run.mode
+
+
+def _orbit_near(run: Run, m: ReturnMap) -> PeriodicOrbit:
+    """Find the stable orbit that a run has come to."""
+    own, z = of_run(run, m)
+    orbit = orbit_through(own, z)
+    require(orbit.stable and np.abs(orbit.slow_motion.z - z).max() < LANDED, "the run has come to no stable orbit")
+    return orbit
 
 
 class DriftLeg(NamedTuple):
@@ -122,18 +127,14 @@ class SlowFlow:
         self.leads: dict[tuple[int, bool], Arrival | Standing | str] = {}
 
     def sheet_of(self, orbit: PeriodicOrbit) -> int:
-        """Return the number of the sheet that a stable orbit is on; a new sheet is followed.
-
-        Raise OrbitLost if the family does not go on from the orbit, or if there are more than `MOST_SHEETS`.
-        """
+        """Return the number of the sheet that a stable orbit is on; a new sheet is followed, up to `MOST_SHEETS`."""
         for number, sheet in enumerate(self.sheets):
             if sheet.holds(orbit):
                 return number
-        if len(self.sheets) == MOST_SHEETS:
-            raise OrbitLost(f"the drift leads over more than {MOST_SHEETS} sheets")
+        require(len(self.sheets) < MOST_SHEETS, f"the drift leads over more than {MOST_SHEETS} sheets")
         sheet = sheet_through(orbit, self.low, self.high, self.whole)
-        if sheet.spins.size < 2:
-            raise OrbitLost(f"the family does not go on from spin = {orbit.spin:.6g} rad/s: {sheet.high_end}")
+        ends = f"the family does not go on from spin = {orbit.spin:.6g} rad/s: {sheet.high_end}"
+        require(sheet.spins.size > 1, ends)
         stands = list(standing(sheet))
         known = {one.spin: one for one in (*sheet.orbits, *(one.orbit for one in stands))}
         sheet = replace(sheet, orbits=[known[spin] for spin in sorted(known)])
@@ -192,11 +193,10 @@ class SlowFlow:
                 if isinstance(led, Arrival):
                     yield led.orbit
             elif why:  # no motion drifts over this end, but the family may go on beyond it
-                with suppress(OrbitLost):
-                    yield taken_up(last, sense, np.inf)
+                yield from all_found([partial(taken_up, last, sense, np.inf)])
 
     def leg(self, begin: PeriodicOrbit) -> DriftLeg:
-        """Return the drift from an orbit on; raise OrbitLost if the orbit is on no sheet, or beyond the range."""
+        """Return the drift from an orbit on."""
         if begin.spin_drift == 0.0:  # both ends stick in every contact: friction changes no spin
             return DriftLeg(Sheet([begin], "", ""), begin, begin.spin, np.inf, Standing(begin, 0.0, 0.0))
         number, drift = self.sheet_of(begin), begin.spin_drift
@@ -206,8 +206,7 @@ class SlowFlow:
             stands = min(ahead, key=lambda one: abs(one.orbit.spin - begin.spin))
             return DriftLeg(sheet, begin, stands.orbit.spin, np.inf, stands)
         last = sheet.orbits[-end]
-        if not self.drifts_over(number, end):
-            raise OrbitLost(f"the drift leads beyond spin = {last.spin:.6g} rad/s")
+        require(self.drifts_over(number, end), f"the drift leads beyond spin = {last.spin:.6g} rad/s")
         periods = time_between(sheet.stretches, begin.spin, last.spin)
         return DriftLeg(sheet, begin, last.spin, periods, self.lead(number, end))
 

@@ -9,8 +9,10 @@ import numpy as np
 import xarray as xr
 
 from dimersweep.analysis.orbits.map.finding import MOST_TURNS, RTOL, checked, orbit_at
+from dimersweep.analysis.orbits.map.lost import first_found, require
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, dataset
-from dimersweep.analysis.orbits.map.poincare import TURN, OrbitLost, Recorder, first_found
+from dimersweep.analysis.orbits.map.passage import TURN
+from dimersweep.analysis.orbits.map.poincare import Recorder
 from dimersweep.analysis.orbits.slow.families import BEGIN_AT, spin_range
 from dimersweep.analysis.orbits.slow.slow_flow import ABOVE, BELOW, SPIN_KINDS, SlowFlow
 from dimersweep.cubes.cube import Column, finished, fixed_coordinates, table
@@ -88,9 +90,8 @@ def sustained(
 
     def begun(at: float | None) -> PeriodicOrbit:
         one = orbit_at(given, at, guess=guess, rtol=rtol, recorder=recorder)
-        if not (one.stable and low <= one.spin <= high):
-            why = "beyond the range" if one.stable else "unstable"
-            raise OrbitLost(f"the orbit of spin = {one.spin:.6g} rad/s is {why}")
+        why = "beyond the range" if one.stable else "unstable"
+        require(one.stable and low <= one.spin <= high, f"the orbit of spin = {one.spin:.6g} rad/s is {why}")
         return one
 
     try:

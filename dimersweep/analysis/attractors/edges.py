@@ -13,9 +13,9 @@ from dimersweep.analysis.orbits.continuation.following import traced
 from dimersweep.analysis.orbits.continuation.kinds import FOLD
 from dimersweep.analysis.orbits.continuation.steps import halved
 from dimersweep.analysis.orbits.map.finding import centred, checked, first_map, of_run
-from dimersweep.analysis.orbits.map.newton import solve
+from dimersweep.analysis.orbits.map.lost import attempt
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, orbit_of
-from dimersweep.analysis.orbits.map.poincare import OrbitLost
+from dimersweep.analysis.orbits.map.solution import solve
 from dimersweep.errors import OrbitError, ParameterError
 from dimersweep.inputs import as_number, check_count, number, pair_of
 from dimersweep.kernel.model.layout import D1, D2, N1, N2, PERIOD, PHASE
@@ -206,10 +206,12 @@ def _strobes(run: Run) -> np.ndarray:
 
 def _orbit_at(run: Run, number: int) -> PeriodicOrbit | None:
     """Find the orbit near the beginning of a segment of a run, which begins with a period; return None without one."""
-    with suppress(OrbitLost):
+
+    def found() -> PeriodicOrbit:
         m, z = of_run(run, first_map(run.parameters), number)
-        return orbit_of(centred(solve(m, z, m.image(z).spin)))
-    return None
+        return orbit_of(centred(solve(m, z, m.passage(z).spin)))
+
+    return attempt(found)
 
 
 def _is_partner(orbit: PeriodicOrbit) -> bool:
@@ -220,7 +222,7 @@ def _is_partner(orbit: PeriodicOrbit) -> bool:
     if (np.abs(orbit.multipliers) > 1).sum() != 1 or orbit.multipliers[0].real < 1:
         return False
     with suppress(OrbitError):
-        entries = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], sequences=False).entries
-        beyond = list(dropwhile(lambda entry: entry.kind is not FOLD, entries))[1:]
-        return any(entry.orbit.stable for entry in beyond)
+        rows, _, _ = traced(orbit, "Gamma", 0.5 * orbit.parameters["Gamma"], sequences=False)
+        beyond = list(dropwhile(lambda row: row[1].kind is not FOLD, rows))[1:]
+        return any(orbit.stable for orbit, _ in beyond)
     return False
