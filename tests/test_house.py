@@ -20,6 +20,11 @@ def test_the_rooms_of_orbits_have_no_more_floors():
     assert house.floors() == MOST_FLOORS
 
 
+def test_each_room_of_orbits_has_five_to_eight_files():
+    counts = {room: len(list((house.ANALYSIS / "orbits" / room).glob("[!_]*.py"))) for room in house.ROOMS}
+    assert all(5 <= count <= 8 for count in counts.values()), counts
+
+
 def test_orbits_have_no_more_types():
     assert len(house.types(house.ANALYSIS / "orbits")) <= MOST_TYPES
 

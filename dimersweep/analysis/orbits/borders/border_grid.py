@@ -156,24 +156,23 @@ class GridWalk:
 
     def meetings(self) -> Iterator[tuple[Found, str]]:
         """Yield the points where the curve meets other borders along the last axis, with the names of both borders."""
-        for index, a in self.found.items():
-            if b := self.found.get(beside := _moved(index, len(index) - 1, 1)):
-                begin, end = (np.array([*self._values(at).values()]) for at in (index, beside))
-                known = MEETING * max(1.0, abs(end[-1])) / (abs(end[-1] - begin[-1]) or 1.0)
-
-                def found(
-                    before: Found,
-                    after: Found,
-                    part: float,
-                    share: float,
-                    begin: np.ndarray = begin,
-                    end: np.ndarray = end,
-                ) -> Found:
-                    values = dict(zip(self.axes, (begin + share * (end - begin)).tolist(), strict=True))
-                    return self.curve.point(values, [self.curve.between(before, after, part)], None)
-
+        *_, last = self.axes.values()
+        for index in self.found:
+            if (beside := _moved(index, len(index) - 1, 1)) in self.found:
+                low, high = last[index[-1]], last[beside[-1]]
+                known = MEETING * max(1.0, abs(high)) / (abs(high - low) or 1.0)
                 tests = partial(Curve.tests, self.curve)
-                yield from meetings(self.curve, Between(a, b, found), tests, self.curve.state, known)
+                yield from meetings(self.curve, self._between(index, beside), tests, self.curve.state, known)
+
+    def _between(self, index: Index, beside: Index) -> Between[Found]:
+        """Return the points between two neighbours, each found from the last known one before it."""
+        begin, end = (np.array([*self._values(at).values()]) for at in (index, beside))
+
+        def found(before: Found, after: Found, part: float, share: float) -> Found:
+            values = dict(zip(self.axes, (begin + share * (end - begin)).tolist(), strict=True))
+            return self.curve.point(values, [self.curve.between(before, after, part)], None)
+
+        return Between(self.found[index], self.found[beside], found)
 
     def told(self) -> dict[Index, str]:
         """Return the status of each point: for a missing point, why it was not found."""

@@ -110,6 +110,7 @@ class InPlane:
         way = b.y - self.y
 
         def found(before: InPlane, _: InPlane, part: float, share: float) -> InPlane:
+            # the equations of the last known point before it are nearly those of the new one
             return before.on_plane(self.y + share * way, way / np.linalg.norm(way))
 
         def state(at: InPlane) -> str:

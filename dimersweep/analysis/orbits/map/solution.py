@@ -57,7 +57,7 @@ class Orbits(NamedTuple):
 
 
 class Solution(NamedTuple):
-    """An orbit: the unknowns that solve a problem, the motion, and the derivatives there."""
+    """An orbit: the unknowns that solve a problem, the motion, and the derivatives there; a point for `continuation.steps`."""
 
     problem: Any  # `Orbits`, or the kind of them along which `continuation.steps` leads
     z: np.ndarray  # point of the section, shape (n,)
@@ -132,8 +132,6 @@ class Solution(NamedTuple):
         """Return the point with its tangent in the sense of a vector, or of a change of the parameter (1 or -1)."""
         onward = self.tangent[-1] * along if np.ndim(along) == 0 else self.tangent @ along
         return self if onward >= 0 else self._replace(tangent=-self.tangent)
-
-    # --- along a branch: see `continuation.steps` --------------------------------------------------------------------
 
     def on_plane(self, y: np.ndarray, normal: np.ndarray) -> "Solution":
         """Find the point of the branch on the plane through `y` across `normal`, with its own derivatives."""
