@@ -487,6 +487,15 @@ def test_a_worker_that_hangs_is_told_of_and_waited_for_no_longer_than_a_moment(c
             os.kill(one, signal.SIGCONT)
 
 
+def test_an_error_in_the_machinery_is_logged_unless_it_is_that_of_a_task_that_was_cancelled(cluster, caplog):
+    from distributed.client import FutureCancelledError
+
+    with scheduling.cluster(cluster):
+        for error in (FutureCancelledError("key", "unknown"), ValueError("news")):
+            logging.getLogger("tornado.application").error("Exception in callback", exc_info=error)
+    assert [record.exc_info[0] for record in caplog.records if record.name == "tornado.application"] == [ValueError]
+
+
 def test_a_scheduler_that_hangs_leaves_the_count_of_its_workers(cluster, monkeypatch):
     def hangs(callback_timeout):
         raise TimeoutError

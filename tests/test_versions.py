@@ -127,7 +127,7 @@ def test_all_code_that_a_point_passes_is_in_the_version(study, monkeypatch):
     more = ORBITS_CODE if study == "sustained spins" else ()
     there = {path.relative_to(PACKAGE).as_posix() for path in map(Path, passed) if path.is_relative_to(PACKAGE)}
     assert {"parameters.py", "cubes/grid.py"} <= there
-    assert not {path for path in there - WITHOUT_NUMBERS if not path.startswith((*versions.POINTS, *more))}
+    assert not {path for path in there - WITHOUT_NUMBERS if not path.startswith((*versions.POINT_CODE, *more))}
 
 
 def test_orbits_count_where_a_study_asks_for_them():

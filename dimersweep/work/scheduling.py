@@ -210,9 +210,15 @@ def _quiet() -> Iterator[None]:
             log.setLevel(level)
 
 
+def _is_news(record: logging.LogRecord) -> bool:
+    """Return False for the error of a task that was cancelled, for which the executor of distributed may still wait."""
+    return not (record.exc_info and isinstance(record.exc_info[1], CancelledError))
+
+
 @contextmanager
 def cluster(client: Any) -> Iterator[Pool]:
     """Yield the workers of a dask.distributed client as a pool; after an error in the context, stop their tasks."""
+    logging.getLogger("tornado.application").addFilter(_is_news)
     executor: Any = client.get_executor(pure=False)
     counted, asker, begun = -COUNT_SECONDS, uuid4().hex, time.time()
     there: dict[str, int] = {}

@@ -2,7 +2,7 @@
 
 The version of code names the files of compiled code. It covers the sources of the kernel, the compiler with its
 settings, and the processor that code is made for. The version of results is compared between workers, and with former
-sweeps. It covers the code that a number passes on its way into the result of a point (`POINTS`), and nothing else:
+sweeps. It covers the code that a number passes on its way into the result of a point (`POINT_CODE`), and nothing else:
 neither comments, docstrings and blank lines, nor what stores, draws and reports results. Code says how sums of products
 are rounded (``fusing.py``), and ``work.proving`` proves that the compiler and the processor keep to it.
 """
@@ -24,7 +24,7 @@ SETTINGS = ("BOUNDSCHECK", "DEBUGINFO_DEFAULT", "ENABLE_AVX", "LOOP_VECTORIZE", 
 PACKAGE = Path(__file__).parents[2]
 # folders and modules of the package that decide the results of points: the model; parameters to rows of the kernel, and
 # points to parameters; runs, with what is observed of them; searches and refined maps, which choose their runs
-POINTS = (
+POINT_CODE = (
     *("kernel", "symbols.py", "parameters.py", "cubes/grid.py", "cubes/results.py", "runs"),
     *(f"studies/{name}.py" for name in ("study", "search", "deciding", "refine", "observers", "observing")),
 )
@@ -32,7 +32,7 @@ _TRIPLE = r'"""[^"\\]*(?:(?:\\.|"(?!""))[^"\\]*)*"""'
 _COMMENT = r"\#[^\n]*"
 # what is read of a source: a docstring, of which the colon before it is kept; another string, which is kept; or the
 # spaces and the comment that end a line. Each begins with one of a few characters, so that the search is quick
-_READ = re.compile(
+_STRIPPED = re.compile(
     rf"""(:)[ ]*(?:{_COMMENT})?\s*\n(?:\s*{_COMMENT}\n)*\s*{_TRIPLE}(?=\s*(?:\#|\n|\Z))
     |({_TRIPLE} | '''.*?''' | "(?:[^"\\\n]|\\.)*" | '(?:[^'\\\n]|\\.)*')
     |(?:\s+(?:{_COMMENT})? | {_COMMENT})(?=\n|\Z)""".encode(),
@@ -62,7 +62,7 @@ def take_sources() -> dict[str, bytes]:
 def bare(source: bytes) -> bytes:
     """Return a source without its comments, docstrings and blank lines."""
     # a module's docstring stands behind no colon: it gets one, too
-    return _READ.sub(lambda read: read[1] or read[2] or b"", b":\n" + source)
+    return _STRIPPED.sub(lambda read: read[1] or read[2] or b"", b":\n" + source)
 
 
 def target(common: bool = True) -> tuple[str, str]:
@@ -109,8 +109,8 @@ def code_version(pipeline: str) -> str:
 def kernel_version(*more: str) -> str:
     """Return the version of results, by the code that their numbers pass: 16 hexadecimal digits.
 
-    The code is that of `POINTS` and of `more` folders and modules of the package. All versions of Python have the same.
+    The code is that of `POINT_CODE` and of `more` folders and modules of the package. All versions of Python have the same.
     """
-    places = tuple(place if place.endswith(".py") else f"{place}/" for place in (*POINTS, *more))
+    places = tuple(place if place.endswith(".py") else f"{place}/" for place in (*POINT_CODE, *more))
     passed = {path: bare(text) for path, text in take_sources().items() if path.startswith(places)}
     return digest_of(passed).hex()[:16]
