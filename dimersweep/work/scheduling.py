@@ -31,8 +31,7 @@ IN_FLIGHT = 2  # tasks for each worker: one runs and one waits, so that no worke
 # number of tasks that a cluster has at a time, however few workers it has. An adaptive cluster asks for a thread for
 # every 5 s of work, or every ten tasks: these are enough for 400 threads at once
 DEMAND = 4096
-# number of tasks, each of one point, that a cluster without workers has before one has come back: dask reckons half a
-# second for each
+# number of tasks of one point that a cluster without workers has at first: dask reckons half a second for each
 FIRST_SHOWN = 128
 TASK_GRACE = 1.0  # time to wait for running tasks when the sweep is stopped [s]
 CONNECT_SECONDS = 10.0  # time to find a scheduler [s]
