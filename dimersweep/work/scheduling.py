@@ -106,8 +106,7 @@ class Pace:
         workers = self.workers()
         # workers that are there answer soon, and a task of one point costs more than it computes
         shown = 0 if workers else min(FIRST_SHOWN, self.demand)
-        ahead = self.demand if self.is_known else shown
-        return max(ahead, (IN_FLIGHT if self.seen else 1) * max(1, workers))
+        return max(self.demand if self.is_known else shown, (IN_FLIGHT if self.seen else 1) * max(1, workers))
 
     def note(self, points: int, seconds: float) -> None:
         """Set the length of the next tasks from a task that has run a number of points in a time [s]."""

@@ -60,8 +60,8 @@ def lacks(client: Any, there: Mapping[str, int]) -> bool:
 def words_for(client: Any, there: Mapping[str, int], retired: Sequence[bool], unready: int) -> str:
     """Return a line on the workers of a client; if some are missing, also on the jobs of the cluster and their logs.
 
-    `there` has the threads of each worker. `retired` has True for each worker that has left because it was told to, and
-    False for one that died. `unready` workers have not compiled or loaded the kernel yet.
+    `there` has the threads of each worker, `retired` has True or, if it died, False for each that has left, and
+    `unready` counts workers that have not compiled or loaded the kernel yet.
     """
     words = f"{len(there)} workers with {sum(there.values())} threads" if there else "no worker"
     words += f"; {unready} have yet to compile or load the kernel" if unready else ""
