@@ -310,15 +310,15 @@ def _(there: Slurm, bits: Bits) -> Came:
 def disturbed(name: str, there: Slurm, bits: Bits, disturb: Callable[[Driver], Any], **asked: Any) -> Came:
     """A sweep with an output that something happens to when it has begun; one that is not done then is begun again."""
     how: dict[str, Any] = {"size": TWO, "how": {"out": "cube.nc"}} | asked
-    made = Driver(there, name, SOME, **how)
+    made = Driver(there, name, MANY, **how)
     made.wait_for(made.points, 60)
     words = disturb(made)
     made.end()
     again = 0
     while made.value("hash") is None and again < 3:
         again += 1
-        made = Driver(there, name, SOME, **how).end()
-    return Came(made.value("hash") is not None, f"{words}; begun again {again} times", same(made, bits[SOME]))
+        made = Driver(there, name, MANY, **how).end()
+    return Came(made.value("hash") is not None, f"{words}; begun again {again} times", same(made, bits[MANY]))
 
 
 def jobs_of(there: Slurm) -> list[str]:
@@ -363,11 +363,11 @@ def _(there: Slurm, bits: Bits) -> Came:
     made = Driver(
         there,
         "limit",
-        MANY,
+        2 * MANY,
         size={"adapt": {"minimum_jobs": 1, "maximum_jobs": 1}},
         cluster={"walltime": "00:01:00"},
         how={"periods": 800},
-    ).end(600)
+    ).end(1200)
     comings = sum(count > 0 for count in made.workers)
     return Came(made.value("hash") is not None and comings > 1, f"finished; workers came {comings} times")
 
