@@ -191,6 +191,23 @@ def test_the_page_plays_in_a_browser_without_a_network(run, tmp_path):
         assert errors == []
 
 
+@needs_chromium
+def test_in_a_page_the_higher_ball_is_drawn_above_the_lower_one(tmp_path):
+    page_file = simulate(beta0="40 deg", xdot0=0.0, periods=2).animate(tmp_path / "run.html", periods=1, fps=5)
+    with chromium_page(offline=True) as (page, errors):
+        page.add_init_script(
+            "window.discs = []; const kind = CanvasRenderingContext2D.prototype, arc = kind.arc;"
+            "kind.arc = function (x, y, ...rest) { discs.push([x, y]); return arc.call(this, x, y, ...rest); };"
+        )
+        page.goto(page_file.as_uri())
+        page.wait_for_function("discs.length >= 2")
+        (_, low), (_, high) = sorted(page.evaluate("discs.slice(0, 2)"))  # p2 is to the right
+        first = page.evaluate("views[0].data.balls[0]")
+        assert first[5] - first[2] > 5  # mm
+        assert low > high  # pixels count downward
+        assert errors == []
+
+
 def test_a_rolling_ball_turns_with_its_marks():
     """Where both ends stick and roll on, what is on a ball at its lowest point stands still on the plate."""
     run = simulate(beta0="10 deg", periods=60)
