@@ -18,6 +18,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from dimersweep.kernel.compiler.cache import files
+from dimersweep.kernel.compiler.pipelines import pipeline
+from dimersweep.kernel.compiler.versions import code_version
+
 ROOT = Path(__file__).resolve().parents[2]
 NODES, CPUS, USER = 3, 2, "nobody"
 PROGRAMS = ("slurmctld", "slurmd", "munged", "sbatch", "squeue")
@@ -167,9 +171,10 @@ class Slurm:
             "PYTHONDONTWRITEBYTECODE": "1",
             "LD_LIBRARY_PATH": str(self.python.parents[1] / "lib"),  # else the system's libpython might be found first
         }
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "dimersweep"
-        if cache.is_dir():
-            shutil.copytree(cache, self.home / ".cache" / "dimersweep")
+        place = self.home / ".cache" / "dimersweep"
+        place.mkdir(parents=True)
+        for file in files(code_version(pipeline())):
+            shutil.copy2(file, place)
         self.own(self.home)
 
     def own(self, path: Path) -> None:
