@@ -30,7 +30,7 @@ from slurm_nodes import LeftOut, Slurm, slurm, why_not
 DRIVER = Path(__file__).with_name("slurm_driver.py")
 LEFT_OUT = 77  # exit status where no SLURM comes up
 SILENT, COMING = 70.0, 30.0  # seconds that nothing may be silent, and in which three jobs are to come
-FEW, SOME, MANY, ENDLESS = 1500, 4500, 10_000, 200_000  # points
+FEWEST, FEW, SOME, MANY, ENDLESS = 300, 1500, 4500, 10_000, 200_000  # points
 
 
 class Driver:
@@ -170,7 +170,7 @@ def stopped(made: Driver) -> tuple[float, bool, str]:
 def _(there: Slurm, bits: Bits) -> Came:
     # nothing depends on the pace of the machine: there is work until all that is waited for was seen
     lead = {"job_script_prologue": ["export NUMBA_NUM_THREADS=1", "dimersweep warm"]}
-    made = Driver(there, "recipe", ENDLESS, FEW, size=ADAPT, cluster=lead, patience=240, linger=240)
+    made = Driver(there, "recipe", ENDLESS, FEWEST, size=ADAPT, cluster=lead, patience=240, linger=240)
 
     def workers_were(*counts: int) -> bool:
         """Whether there have been so many workers, one number after the other, within a time that any machine keeps."""
@@ -185,7 +185,7 @@ def _(there: Slurm, bits: Bits) -> Came:
     made.end(number=signal.SIGKILL)
     held = three and healed and held and gone
     words = f"workers, as they came and went: {', '.join(map(str, made.workers))}; {words}"
-    return Came(held, words if held else words + made.text[-3000:], same(made, bits[FEW]))
+    return Came(held, words if held else words + made.text[-3000:], same(made, bits[FEWEST]))
 
 
 @scene("array", "`--array=1-20` of `run --part`, three of them killed and run again; `merge`")
