@@ -76,9 +76,8 @@ def outcomes() -> tuple[np.ndarray, np.ndarray]:
 
     Without the JIT it is the first scene only.
     """
-    scenes = (
-        SCENES[:1] if pipeline() == PYTHON else SCENES
-    )  # Python takes seconds for a scene, and has no compiler to prove
+    # Python takes seconds for a scene, and has no compiler to prove
+    scenes = SCENES[:1] if pipeline() == PYTHON else SCENES
     rows = np.array([Parameters(**scene["parameters"]).row() for scene in scenes])
     out, codes = blank(len(rows))
     run_many(rows, PROOF_PERIODS, PROOF_RTOL, True, out, codes)

@@ -1,6 +1,6 @@
 """Steps along curves of solutions in pseudo-arclength, and search within a step for a zero or a change.
 
-The points of a curve find their neighbours themselves. They are points of a branch of orbits (`branch.Point`), or of a
+The points of a curve find their neighbours themselves. They are points of a branch of orbits (`solution.Solution`), or of a
 border in the plane of two parameters (`plane_curve.InPlane`). A step goes along the tangent, and back to the curve on
 the plane across it (Keller; Kuznetsov, doi 10.1007/978-3-031-22007-4, section 10.2).
 """
