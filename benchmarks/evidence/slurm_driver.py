@@ -25,7 +25,7 @@ def busy(dask_worker: Any) -> int:
 
 
 def sweep(points: int, **how: Any) -> Any:
-    """Points of some 4 ms, the same whoever runs them."""
+    """Points of some 3 ms, the same whoever runs them."""
     grid = {"beta0": {"start": 1, "stop": 80, "num": points, "unit": "deg"}}
     return dimersweep.sweep(grid, **{"periods": 160, "stop_when_settled": False} | how)
 
@@ -57,7 +57,7 @@ def main(asked: dict[str, Any]) -> None:
         for points in asked["points"]:
             for workers in asked.get("beside", []):
                 begun = time.monotonic()
-                sweep(points, workers=workers, progress=False)
+                sweep(points, workers=workers, **asked.get("how", {}))
                 tell(threads=time.monotonic() - begun)
             try:
                 begun = time.monotonic()
