@@ -44,9 +44,15 @@ def pick(rng, n, usual, *special, share=0.05):
     return values
 
 
+exact = slice(None)  # scenes of the block being made that are the same on every processor: all, or the one asked for
+
+
 def log_uniform(rng, low, high, n):
-    """Values whose logarithm is uniform, the same ones on every processor."""
-    return between(low, high, True, rng.random(n))
+    """Values whose logarithm is uniform; those of `exact` scenes are the same ones on every processor, which takes long."""
+    share = rng.random(n)
+    values = low * (high / low) ** share
+    values[exact] = between(low, high, True, share[exact])
+    return values
 
 
 def far(rng, n):
@@ -245,9 +251,11 @@ def rows_of(block, n, seed, domain):
     return block_of(block, seed, domain)[:n].copy()
 
 
-@lru_cache(maxsize=100)  # a block takes half a second, for the exponentials of its logarithms
-def block_of(block, seed, domain):
-    """Parameter rows of a block."""
+@lru_cache(maxsize=100)  # a block takes half a second, for the exponentials of its logarithms; one scene far less
+def block_of(block, seed, domain, scene=None):
+    """Parameter rows of a block, of which only the `scene` of that number need be exact if it is given."""
+    global exact
+    exact = slice(None) if scene is None else slice(scene, scene + 1)
     rng = np.random.default_rng([seed, block])
     away = domain == "far" or (domain in ("mixed", "wider", "whole", *SAWS) and block % 2 == 1)
     if domain == "whole" or domain in SAWS:
@@ -263,7 +271,7 @@ def block_of(block, seed, domain):
 
 def scene_row(k, seed, domain):
     """Row of scene number k."""
-    return block_of(k // BLOCK, seed, domain)[k % BLOCK].copy()
+    return block_of(k // BLOCK, seed, domain, k % BLOCK)[k % BLOCK].copy()
 
 
 def laboratory_row(k, seed):
