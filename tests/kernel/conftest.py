@@ -1,12 +1,19 @@
-"""Leave out what needs the JIT when it is off."""
+"""Leave out what needs the JIT when it is off, and mark cases between others."""
+
+from itertools import groupby
 
 import numba
 import pytest
 
 
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their markers
 def pytest_collection_modifyitems(items):
-    """Skip tests marked ``jit`` where the JIT is off: they would take hours."""
-    if numba.config.DISABLE_JIT:
-        for item in items:
-            if item.get_closest_marker("jit"):
-                item.add_marker(pytest.mark.skip(reason="the JIT is off"))
+    """Skip tests marked ``jit`` where the JIT is off: they would take hours. Mark all cases of a test but the first and last."""
+    if not numba.config.DISABLE_JIT:
+        return
+    for item in items:
+        if item.get_closest_marker("jit"):
+            item.add_marker(pytest.mark.skip(reason="the JIT is off"))
+    for _, cases in groupby(items, key=lambda item: item.nodeid.partition("[")[0]):
+        for case in list(cases)[1:-1]:
+            case.add_marker("inner_case")
