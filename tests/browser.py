@@ -23,19 +23,26 @@ needs_chromium = pytest.mark.skipif(
 
 
 @contextmanager
-def chromium_page(*, offline, width=1100, height=800):
-    """A page and the list of its errors: those of its scripts, of its console, and requests that failed."""
+def chromium():
+    """The browser itself."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(QUIET))
-        context = browser.new_context(viewport={"width": width, "height": height}, offline=offline)
-        page, errors = context.new_page(), []
-        page.on("pageerror", lambda error: errors.append(f"script: {error}"))
-        page.on("console", lambda line: errors.append(f"console: {line.text}") if line.type == "error" else None)
-        page.on("requestfailed", lambda request: errors.append(f"request: {request.url}"))
-        try:
-            yield page, errors
-        finally:
-            browser.close()
+        yield browser
+        browser.close()
+
+
+@contextmanager
+def chromium_page(browser, *, offline, width=1100, height=800):
+    """A page and the list of its errors: those of its scripts, of its console, and requests that failed."""
+    context = browser.new_context(viewport={"width": width, "height": height}, offline=offline)
+    page, errors = context.new_page(), []
+    page.on("pageerror", lambda error: errors.append(f"script: {error}"))
+    page.on("console", lambda line: errors.append(f"console: {line.text}") if line.type == "error" else None)
+    page.on("requestfailed", lambda request: errors.append(f"request: {request.url}"))
+    try:
+        yield page, errors
+    finally:
+        context.close()
 
 
 def colors_of(picture):

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import settings
 
 from dimersweep import cli
+from tests.browser import chromium
 from tests.checks.small_cubes import make_small_cubes
 from tests.fakes import fake_run_many
 from tests.seams import rows_made, use_kernel
@@ -66,6 +67,13 @@ def empty_folder(tmp_path, monkeypatch):
     """Work in an empty folder, which is given."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """A Chromium for the tests of a module: its start takes a second of processor time."""
+    with chromium() as launched:
+        yield launched
 
 
 @pytest.fixture(scope="session")

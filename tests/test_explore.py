@@ -449,9 +449,9 @@ def picture(page, name):
 
 
 @contextmanager
-def opened(cube=None, width=1280, height=860):
+def opened(browser, cube=None, width=1280, height=860):
     """A page that has drawn its first run; it must leave no error behind."""
-    with served(cube) as address, chromium_page(offline=False, width=width, height=height) as (page, errors):
+    with served(cube) as address, chromium_page(browser, offline=False, width=width, height=height) as (page, errors):
         page.context.grant_permissions(["clipboard-read", "clipboard-write"])
         page.on("request", lambda request: errors.append(request.url) if address not in request.url else None)
         page.goto(address)
@@ -482,8 +482,8 @@ SLIDE = """async (value) => {
 
 
 @needs_chromium
-def test_a_slider_changes_the_picture_at_once():
-    with opened() as page:
+def test_a_slider_changes_the_picture_at_once(browser):
+    with opened(browser) as page:
         seconds = [page.evaluate(SLIDE, 0.8 + 0.02 * k) for k in range(20)]
         print(f"\nfrom a slider to its picture: median {np.median(seconds):.3f} s, at most {max(seconds):.3f} s")
         assert "Γ = 1.18" in told(page, "conditions").replace("\xa0", " ")
@@ -491,8 +491,8 @@ def test_a_slider_changes_the_picture_at_once():
 
 
 @needs_chromium
-def test_a_dimer_is_played_with():
-    with opened() as page:
+def test_a_dimer_is_played_with(browser):
+    with opened(browser) as page:
         assert told(page) == "drift" and MODE_MEANINGS["drift"] in told(page, "says")
         assert page.locator("#play").inner_text() == "pause"  # it plays by itself
         first = page.locator("#now").inner_text()
@@ -538,8 +538,8 @@ def faults(page):
 
 
 @needs_chromium
-def test_each_field_at_fault_is_marked_and_the_others_stay():
-    with opened() as page:
+def test_each_field_at_fault_is_marked_and_the_others_stay(browser):
+    with opened(browser) as page:
         before = page.locator(".numbers").inner_text()
         page.locator("#of-e").fill("half")
         page.locator("#of-f").fill("15 m")
@@ -575,9 +575,9 @@ def test_each_field_at_fault_is_marked_and_the_others_stay():
 
 
 @needs_chromium
-def test_an_emptied_field_says_its_default_and_has_it():
+def test_an_emptied_field_says_its_default_and_has_it(browser):
     """Sliders go along, and the fields in whose place another one is given."""
-    with opened() as page:
+    with opened(browser) as page:
         field, slider = page.locator("#of-Gamma"), page.locator("#slide-Gamma")
         drawn(page, lambda: field.fill("1.2"))
         drawn(page, lambda: field.fill(""))
@@ -639,8 +639,8 @@ STATES = [
 
 @pytest.mark.filterwarnings("ignore:.* is usual")
 @needs_chromium
-def test_no_state_shows_a_number_that_is_none():
-    with served() as address, chromium_page(offline=False) as (page, errors):
+def test_no_state_shows_a_number_that_is_none(browser):
+    with served() as address, chromium_page(browser, offline=False) as (page, errors):
         page.add_init_script(
             "window.texts = []; const pens = CanvasRenderingContext2D.prototype, write = pens.fillText;"
             "pens.fillText = function (text, ...at) { texts.push(String(text)); write.call(this, text, ...at); };"
@@ -660,8 +660,8 @@ def test_no_state_shows_a_number_that_is_none():
 
 
 @needs_chromium
-def test_links_are_links_and_the_way_back_is_kept(cube):
-    with opened(cube) as page:
+def test_links_are_links_and_the_way_back_is_kept(browser, cube):
+    with opened(browser, cube) as page:
         drawn(page, lambda: page.locator("#of-f").fill("900 rpm"))
         drawn(page, lambda: page.locator("#of-e").fill("0.5"))
         page.locator("#of-mu").press("End")
@@ -701,8 +701,8 @@ def test_links_are_links_and_the_way_back_is_kept(cube):
 
 
 @needs_chromium
-def test_a_page_says_that_it_waits_and_that_nobody_answers():
-    with served() as address, chromium_page(offline=False) as (page, _):
+def test_a_page_says_that_it_waits_and_that_nobody_answers(browser):
+    with served() as address, chromium_page(browser, offline=False) as (page, _):
         page.add_init_script(
             "window.signs = []; document.addEventListener('DOMContentLoaded', () => {"
             " const sign = document.querySelector('#busy');"
@@ -722,8 +722,8 @@ def test_a_page_says_that_it_waits_and_that_nobody_answers():
 
 
 @needs_chromium
-def test_a_map_is_clicked_compared_linked_copied_and_saved(cube, tmp_path):
-    with opened(cube) as page:
+def test_a_map_is_clicked_compared_linked_copied_and_saved(browser, cube, tmp_path):
+    with opened(browser, cube) as page:
         box = page.locator(".marks").bounding_box()
 
         def click(right, up):
@@ -784,10 +784,10 @@ RINGS = """() => {
 
 
 @needs_chromium
-def test_a_run_has_a_ring_on_the_map_where_it_lies_on_it():
+def test_a_run_has_a_ring_on_the_map_where_it_lies_on_it(browser):
     """The map is of another dimer than the base case, and of Gamma from 0.8 to 0.9."""
     other = dimersweep.sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.3]}, {"e": 0.65}, periods=60, progress=False)
-    with opened(other) as page:
+    with opened(browser, other) as page:
         page.locator("#key i").first.wait_for()
         assert not page.evaluate(RINGS)
         drawn(page, lambda: page.locator("#of-e").fill("0.65"))
@@ -798,8 +798,8 @@ def test_a_run_has_a_ring_on_the_map_where_it_lies_on_it():
 
 
 @needs_chromium
-def test_the_page_fits_a_telephone_and_goes_dark(cube):
-    with opened(cube, width=390, height=844) as page:
+def test_the_page_fits_a_telephone_and_goes_dark(browser, cube):
+    with opened(browser, cube, width=390, height=844) as page:
         assert page.evaluate("document.documentElement.scrollWidth") == 390
         for name in (".side", "#slide-Gamma", ".map", "footer"):
             page.locator(name).scroll_into_view_if_needed()
@@ -821,12 +821,12 @@ MARKUP = '<img src=x onerror="window.hit=1"><script>window.hit=1</script> *a* [b
 
 
 @needs_chromium
-def test_markup_in_a_cube_is_shown_as_it_is_written(cube):
+def test_markup_in_a_cube_is_shown_as_it_is_written(browser, cube):
     word, name = MARKUP.replace(" ", "/"), "v" + MARKUP.replace("/", "")
     held = cube.copy()
     held["mode"] = cube["mode"].assign_attrs(flag_meanings=" ".join([word] * len(cube["mode"].attrs["flag_values"])))
     held[name] = held["radius"]
-    with opened(held.assign_attrs(title=MARKUP)) as page:
+    with opened(browser, held.assign_attrs(title=MARKUP)) as page:
         assert page.locator("h1").inner_text() == MARKUP
         page.locator("#key i").first.wait_for()  # the map is drawn
         page.locator(".marks").hover()
@@ -838,11 +838,11 @@ def test_markup_in_a_cube_is_shown_as_it_is_written(cube):
 
 
 @needs_chromium
-def test_a_notebook_shows_the_page_of_a_run(tmp_path):
+def test_a_notebook_shows_the_page_of_a_run(browser, tmp_path):
     """In a frame that holds all of it, without a network; it plays, and fills its frame."""
     run = dimersweep.simulate(periods=60)
     (tmp_path / "notebook.html").write_text(f"<!DOCTYPE html><body>{run.view(periods=2)._repr_html_()}", "utf-8")
-    with chromium_page(offline=True) as (page, errors):
+    with chromium_page(browser, offline=True) as (page, errors):
         page.goto((tmp_path / "notebook.html").as_uri())
         frame = page.frame_locator("iframe")
         frame.get_by_text("pause").wait_for()

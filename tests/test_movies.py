@@ -156,12 +156,12 @@ def test_simulate_makes_a_movie_and_keeps_the_run(empty_folder, call):
 
 
 @needs_chromium
-def test_the_page_plays_in_a_browser_without_a_network(run, tmp_path):
+def test_the_page_plays_in_a_browser_without_a_network(browser, run, tmp_path):
     page_file = run.animate(tmp_path / "run.html", periods=3, fps=20)
     text = page_file.read_text(encoding="utf-8")
     assert len(text) < 1e5
     assert not re.findall(r"<(?:script|link)[^>]*(?:src|href)=\"(?!data:)", text)
-    with chromium_page(offline=True) as (page, errors):
+    with chromium_page(browser, offline=True) as (page, errors):
         page.goto(page_file.as_uri())
         page.wait_for_function("document.querySelector('#now').textContent !== ''")
         page.evaluate(
@@ -192,9 +192,9 @@ def test_the_page_plays_in_a_browser_without_a_network(run, tmp_path):
 
 
 @needs_chromium
-def test_in_a_page_the_higher_ball_is_drawn_above_the_lower_one(tmp_path):
+def test_in_a_page_the_higher_ball_is_drawn_above_the_lower_one(browser, tmp_path):
     page_file = simulate(beta0="40 deg", xdot0=0.0, periods=2).animate(tmp_path / "run.html", periods=1, fps=5)
-    with chromium_page(offline=True) as (page, errors):
+    with chromium_page(browser, offline=True) as (page, errors):
         page.add_init_script(
             "window.discs = []; const kind = CanvasRenderingContext2D.prototype, arc = kind.arc;"
             "kind.arc = function (x, y, ...rest) { discs.push([x, y]); return arc.call(this, x, y, ...rest); };"
