@@ -2,6 +2,7 @@
 
 import threading
 import time
+from contextvars import ContextVar
 from functools import lru_cache
 from math import inf, pi
 from typing import NamedTuple
@@ -44,13 +45,15 @@ def pick(rng, n, usual, *special, share=0.05):
     return values
 
 
-exact = slice(None)  # scenes of the block being made that are the same on every processor: all, or the one asked for
+# scenes of the block being made that are the same on every processor: all of them, or the one that is asked for
+EXACT = ContextVar("EXACT", default=slice(None))
 
 
 def log_uniform(rng, low, high, n):
-    """Values whose logarithm is uniform; those of `exact` scenes are the same ones on every processor, which takes long."""
+    """Values whose logarithm is uniform; those of `EXACT` scenes are the same ones on every processor, which takes long."""
     share = rng.random(n)
     values = low * (high / low) ** share
+    exact = EXACT.get()
     values[exact] = between(low, high, True, share[exact])
     return values
 
@@ -254,8 +257,7 @@ def rows_of(block, n, seed, domain):
 @lru_cache(maxsize=100)  # a block takes half a second, for the exponentials of its logarithms; one scene far less
 def block_of(block, seed, domain, scene=None):
     """Parameter rows of a block, of which only the `scene` of that number need be exact if it is given."""
-    global exact
-    exact = slice(None) if scene is None else slice(scene, scene + 1)
+    EXACT.set(slice(None) if scene is None else slice(scene, scene + 1))
     rng = np.random.default_rng([seed, block])
     away = domain == "far" or (domain in ("mixed", "wider", "whole", *SAWS) and block % 2 == 1)
     if domain == "whole" or domain in SAWS:

@@ -8,7 +8,7 @@ import pytest
 
 @pytest.hookimpl(tryfirst=True)  # before tests are chosen by their markers
 def pytest_collection_modifyitems(items):
-    """Skip tests marked ``jit`` where the JIT is off: they would take hours. Mark all cases of a test but the first and last."""
+    """Where the JIT is off, skip tests marked ``jit``, which would take hours, and mark all cases but the ends of a test."""
     if not numba.config.DISABLE_JIT:
         return
     for item in items:
