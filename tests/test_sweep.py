@@ -82,7 +82,7 @@ def test_a_sweep_costs_little_beyond_its_kernel(monkeypatch):
         assert points[0] == 1800  # none twice
         return (time.process_time() - begun - within[0]) / within[0]
 
-    assert min(beyond() for _ in range(3)) < 0.06  # 0.02; a busy machine or a collection of garbage may disturb one
+    assert any(beyond() < 0.06 for _ in range(3))  # 0.02; a busy machine or a collection of garbage may disturb one
 
 
 @pytest.mark.jit

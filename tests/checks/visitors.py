@@ -10,7 +10,7 @@ from dimersweep.storage.cubefiles import write_cube
 
 GRID = {"f": [15, 25], "beta0": np.linspace(0.1, 1.5, 20)}
 HOW = {"periods": 3, "progress": False, "out": "cube.nc"}
-ROUNDS = 8
+ROUNDS = 5
 
 
 def use(number, cube, run, lazy):
