@@ -9,6 +9,7 @@ import pytest
 from tests.checks.patched import UNCOMPILED, apply, copy_to, run_copy, touched
 
 ROOT = Path(__file__).parents[1]
+needs_git = pytest.mark.skipif(not shutil.which("git"), reason="patches are applied by git")
 CHANGES = sorted((Path(__file__).parent / "changes").glob("*.patch"))
 
 
@@ -35,12 +36,32 @@ def test_the_table_names_exactly_the_files_that_a_change_takes(change):
     assert {str(Path(file).parent) for file in new} == set(re.findall(r"`(dimersweep/[\w/]+)/`", where))
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not shutil.which("git"), reason="patches are applied by git")
-@pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.stem)
-def test_a_change_works(change, tmp_path):
-    """Its trial, beside it, runs with the copy: uncompiled where the kernel is another one."""
+# a change of the kernel and one of files are tried before a change of ours, all of them before a release
+USUAL = {"another_law_of_friction", "another_format_of_cubes"}
+
+
+@pytest.fixture
+def changed(change, tmp_path):
+    """The folder of a copy of the package with a change."""
     copy_to(tmp_path)
     apply(change, tmp_path)
+    return tmp_path
+
+
+@needs_git
+@pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.stem)
+def test_a_change_is_to_the_package_as_it_is(change, changed):
+    new = {path.relative_to(changed) for path in changed.rglob("*.py")}
+    assert touched(change.read_text(encoding="utf-8")) <= {str(path) for path in new}
+
+
+@pytest.mark.slow
+@needs_git
+@pytest.mark.parametrize(
+    "change",
+    [pytest.param(each, marks=[] if each.stem in USUAL else pytest.mark.release, id=each.stem) for each in CHANGES],
+)
+def test_a_change_works(change, changed):
+    """Its trial, beside it, runs with the copy: uncompiled where the kernel is another one."""
     physics = any(file.startswith("dimersweep/kernel/") for file in touched(change.read_text(encoding="utf-8")))
-    run_copy(tmp_path, change.with_suffix(".py"), UNCOMPILED if physics else {})
+    run_copy(changed, change.with_suffix(".py"), UNCOMPILED if physics else {})

@@ -193,7 +193,10 @@ PATCHES = {  # lines of the kernel, and what is in their place
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("patch", PATCHES.values(), ids=PATCHES)
+@pytest.mark.parametrize(
+    "patch",
+    [pytest.param(lines, marks=[] if "torque" in of else pytest.mark.release, id=of) for of, lines in PATCHES.items()],
+)
 def test_impulses_and_forces_that_do_not_belong_to_the_motion_open_the_budget(patch, tmp_path):
     """For the works follow from them. Another law of restitution, which has one place, closes: `tests/changes` has it."""
     file, *lines = patch
