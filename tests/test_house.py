@@ -29,6 +29,16 @@ def test_orbits_have_no_more_types():
     assert len(house.types(house.ANALYSIS / "orbits")) <= MOST_TYPES
 
 
+def test_each_stepper_goes_along_something_else():
+    assert house.steppers() == {
+        "continuation/steps.py: steps",  # along a curve: a branch, or a border in the plane of two parameters
+        "map/lost.py: in_steps",  # to given values
+        "slow/sheets.py: onward",  # along a sheet of the slow family
+        "continuation/events.py: graze",  # to a gap of zero, nearer by a factor
+        "map/solution.py: _nearer",  # along a step of Newton's method
+    }
+
+
 def test_one_function_makes_tables_and_one_makes_cubes():
     assert house.builders() == {
         "cubes/cube.py": 2,  # `table`, of all results of runs and orbits; `build`, of a cube

@@ -8,6 +8,7 @@ from scipy.interpolate import CubicSpline
 from dimersweep import names, orbits, simulate
 from dimersweep.analysis.attractors.edges import uncertainty
 from dimersweep.analysis.orbits.continuation.steps import halved
+from dimersweep.analysis.orbits.map.lost import OrbitLost, in_steps, require
 from dimersweep.analysis.orbits.map.manifold import lag, slow_motion_of
 from dimersweep.analysis.orbits.map.orbit import orbit_of
 from dimersweep.analysis.orbits.map.solution import fixed_at, solve
@@ -210,6 +211,30 @@ def test_ends_of_angles_may_be_in_degrees():
 def test_one_fate_has_no_edge():
     with pytest.raises(ParameterError, match="both lead to rest"):
         orbits.edge("beta0", (0.05, 0.1))
+
+
+def test_a_way_is_gone_by_halves_where_the_orbit_is_lost():
+    tried = []
+
+    def step(here, to):
+        tried.append((here, to))
+        require(here >= 0.5 or to - here <= 0.125, "the step is too long")
+        return to
+
+    assert in_steps(step, 0.0, 1 / 8) == 1.0
+    assert tried == [
+        (0, 1),
+        (0, 1 / 2),
+        (0, 1 / 4),
+        (0, 1 / 8),
+        (1 / 8, 1 / 4),
+        (1 / 4, 1 / 2),
+        (1 / 4, 3 / 8),
+        (3 / 8, 1 / 2),
+        (1 / 2, 1),
+    ]
+    with pytest.raises(OrbitLost, match="too long"):
+        in_steps(step, 0.0, 1 / 4)
 
 
 def test_halving_and_the_exponent_of_fractal_fates():

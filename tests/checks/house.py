@@ -94,6 +94,30 @@ def types(folder: Path) -> list[str]:
     return [node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
 
 
+def steppers() -> set[str]:
+    """Return the functions of orbits that step on, and take shorter steps where an orbit is lost.
+
+    They catch the loss in a loop, or call themselves, and halve a number.
+    """
+
+    def steps_on(function: ast.FunctionDef) -> bool:
+        inside = list(ast.walk(function))
+        called = {ast.unparse(node.func).split(".")[-1] for node in inside if isinstance(node, ast.Call)}
+        repeated = (
+            inside if function.name in called else [node for node in inside if isinstance(node, ast.For | ast.While)]
+        )
+        caught = [node for part in repeated for node in ast.walk(part) if isinstance(node, ast.ExceptHandler)]
+        halves = any(isinstance(node, ast.Constant) and node.value == 0.5 for node in inside)
+        return halves and any(node.type is not None and "OrbitLost" in ast.unparse(node.type) for node in caught)
+
+    return {
+        f"{path.relative_to(ANALYSIS / 'orbits').as_posix()}: {node.name}"
+        for path in sorted((ANALYSIS / "orbits").rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef) and steps_on(node)
+    }
+
+
 def openings() -> Iterator[tuple[str, int, str]]:
     """Yield file, line and first word of the docstring of each function but properties."""
     for path in sorted(PACKAGE.rglob("*.py")):
@@ -123,6 +147,7 @@ if __name__ == "__main__":
     print(f"lines: engine {lines(False)}, analysis {lines(True)}")
     print(f"floors of the rooms of orbits: {floors()}")
     print(f"classes of orbits: {len(types(ANALYSIS / 'orbits'))}")
+    print(f"steppers of orbits: {', '.join(sorted(steppers()))}")
     print(f"places that make a dataset: {builders()}")
     print(f"lines that name OrbitLost: {naming('OrbitLost')}")
     first = Counter(word for *_, word in openings())

@@ -17,7 +17,7 @@ from dimersweep.analysis.orbits.continuation.kinds import BORDER_KINDS, COMPLEX
 from dimersweep.analysis.orbits.continuation.steps import SEARCHING, Between, halved, steps, zero
 from dimersweep.analysis.orbits.map.ball import ball_flip, ball_fold
 from dimersweep.analysis.orbits.map.finding import orbit_at
-from dimersweep.analysis.orbits.map.lost import OrbitLost
+from dimersweep.analysis.orbits.map.lost import OrbitLost, in_steps
 from dimersweep.analysis.orbits.map.orbit import DOUBLING, PeriodicOrbit, dataset
 from dimersweep.analysis.orbits.map.passage import Sides, far_ends
 from dimersweep.analysis.orbits.map.poincare import Recorder, ReturnMap
@@ -30,7 +30,7 @@ from dimersweep.symbols import PARAMETERS
 STATUS_LENGTH = 100  # greatest length of a status, in characters: it fits into one line of a table
 # greatest distance of a point of a curve from its guess, in units of the section: further off lies another motion
 REACH = 0.3
-HALVINGS = 4  # times that a step from one point of a curve to the next is halved at most
+SHORTEST = 1 / 32  # shortest step from one point of a curve to the next, as a share of the way
 
 
 T = TypeVar("T")
@@ -180,27 +180,15 @@ class Curve(ABC):
         raise NotImplementedError
 
     def _stepped(self, given: dict[str, float], near: list[Found]) -> Found:
-        """Find the point from neighbours in one step, or from the nearest one in two, four or more shorter steps.
+        """Find the point from neighbours in one step, or from the nearest one in shorter steps."""
+        old = near[0].orbit.parameters
 
-        Steps are not made longer on the way: a curve that ends there would be tried in vain again and again.
-        """
-        return self._in_halves(given, list(takewhile(near[0].alike, near)), HALVINGS)
+        def step(here: list[Found], to: float) -> list[Found]:
+            values = {name: value + (1 - to) * (old.get(name, value) - value) for name, value in given.items()}
+            # several neighbours extrapolate over a whole step only: they are as far apart
+            return [self._next(values, here if to == 1.0 else here[:1])]
 
-    def _in_halves(self, given: dict[str, float], near: list[Found], halvings: int) -> Found:
-        """Find the point from neighbours or, if it is lost, from the nearest one by way of the middle.
-
-        Each half is found in the same way; after `halvings` more halves are not halved again.
-        """
-        try:
-            return self._next(given, near)
-        except OrbitLost:
-            if halvings < 0:
-                raise
-        known, one = near[0].orbit.parameters, near[0]
-        middle = {name: 0.5 * (value + known.get(name, value)) for name, value in given.items()}
-        for target in (middle, given):
-            one = self._in_halves(target, [one], halvings - 1)
-        return one
+        return in_steps(step, list(takewhile(near[0].alike, near)), SHORTEST)[0]
 
     def between(self, a: Found, b: Found, part: float) -> Found:
         """Return a neighbour of the point that lies a `part` of the way from `a` to `b`: by default `a`."""

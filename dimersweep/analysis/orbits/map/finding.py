@@ -363,7 +363,8 @@ def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Solution:
     old, given = orbit.fixed.map, m.parameters
     begin = orbit.fixed.on_map(replace(m, parameters=old.parameters, phase=old.phase, modes=old.modes))
 
-    def step(fixed: Solution, there: float) -> Solution:
+    def step(here: tuple[Solution, float], there: float) -> tuple[Solution, float]:
+        fixed, done = here
         values = given
         if there < 1.0:
             first, last = (
@@ -372,9 +373,13 @@ def _from_orbit(orbit: PeriodicOrbit, m: ReturnMap, spin: float) -> Solution:
             values = {name: first[name] + there * (last[name] - first[name]) for name in ROW}
         alike = fixed is not begin or m.periods == old.periods
         known = system(fixed.map, fixed.matrix, fixed.gradient) if alike else None
-        return _beside(fixed, replace(fixed.map, parameters=values), orbit.spin + there * (spin - orbit.spin), known)
+        there_spin = orbit.spin + there * (spin - orbit.spin)
+        try:
+            return _beside(fixed, replace(fixed.map, parameters=values), there_spin, known), there
+        except OrbitLost as reason:
+            raise OrbitLost(f"{reason}, {done:.0%} of the way") from reason
 
-    return in_steps(step, begin, SMALLEST_SHARE)
+    return in_steps(step, (begin, 0.0), SMALLEST_SHARE)[0]
 
 
 def _beside(fixed: Solution, m: ReturnMap, spin: float, known: np.ndarray | None) -> Solution:

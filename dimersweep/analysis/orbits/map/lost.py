@@ -66,19 +66,20 @@ def first_found(ways: Iterable[Callable[[], T]], why: str = "") -> T:
 
 
 def in_steps(step: Callable[[T, float], T], begin: T, least: float) -> T:
-    """Go the whole way from `begin` in steps, and return the result of the last one.
+    """Go the whole way from `begin` in one step, or in several shorter ones, and return the result of the last one.
 
-    ``step(here, to)`` goes on from a result to the share `to` of the way, which is 1 at the end. The first step is the
-    whole way. A step on which the orbit is lost is halved, down to a share of `least`, and the next one is twice as
-    long.
+    ``step(here, to)`` goes on from a result to the share `to` of the way, which is 1 at the end. Two halves replace a
+    step on which the orbit is lost, and so on, down to a share of `least`.
     """
     here, done, length = begin, 0.0, 1.0
     while done < 1.0:
-        to = min(1.0, done + length)
         try:
-            here, done, length = step(here, to), to, 2 * length
-        except OrbitLost as reason:
+            here, done = step(here, done + length), done + length
+        except OrbitLost:
             length *= 0.5
             if length < least:
-                raise OrbitLost(f"{reason}, {done:.0%} of the way") from reason
+                raise
+        else:
+            while done % (2 * length) == 0.0:  # both halves are done, and what comes next is as long as both
+                length *= 2
     return here

@@ -155,6 +155,9 @@ def onward(first: PeriodicOrbit, to: float) -> Iterator[PeriodicOrbit]:
 
     The end, and each change of sequence, is located to `LOCATED`: the change has an orbit on both sides. Where no orbit
     is found beyond a change, a run finds the motion with which the sheet goes on.
+
+    This is no curve for `continuation.steps`: the last step is 1 % longer or leads to spin 0 at once, a change of
+    sequence decides the next step, and the orbit that a run finds is a row of its own.
     """
     last, sense, unit = [first], np.sign(to - first.spin), SLOW_SPIN * first.fixed.map.unit
     step = FIRST * max(abs(first.spin), unit)
