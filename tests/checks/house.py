@@ -94,6 +94,24 @@ def types(folder: Path) -> list[str]:
     return [node.name for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
 
 
+def found_types() -> dict[str, str]:
+    """Return the docstrings of the classes of orbits that hold unknowns (`y`, `z`), an `orbit` or a `solution`.
+
+    They stand for what is found: a solution, or something on a branch or a border. Left out are the results that users
+    get, which list their attributes, and `SlowMotion`, which an orbit is read from, as from its `Passage`.
+    """
+    found = {}
+    for path in sorted((ANALYSIS / "orbits").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.ClassDef) or node.name == "SlowMotion":
+                continue
+            fields = {ast.unparse(each.target) for each in node.body if isinstance(each, ast.AnnAssign)}
+            text = ast.get_docstring(node) or ""
+            if fields & {"y", "z", "orbit", "solution"} and "Attributes\n-----" not in text:
+                found[node.name] = text
+    return found
+
+
 def steppers() -> set[str]:
     """Return the functions of orbits that step on, and take shorter steps where an orbit is lost.
 
@@ -147,6 +165,7 @@ if __name__ == "__main__":
     print(f"lines: engine {lines(False)}, analysis {lines(True)}")
     print(f"floors of the rooms of orbits: {floors()}")
     print(f"classes of orbits: {len(types(ANALYSIS / 'orbits'))}")
+    print(f"types of what orbits find: {', '.join(found_types())}")
     print(f"steppers of orbits: {', '.join(sorted(steppers()))}")
     print(f"places that make a dataset: {builders()}")
     print(f"lines that name OrbitLost: {naming('OrbitLost')}")

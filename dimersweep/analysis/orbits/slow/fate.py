@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, circle_of
 from dimersweep.analysis.orbits.slow.sheets import Sheet, Standing, Stretch, drifted, stretch_of
-from dimersweep.analysis.orbits.slow.slow_flow import Arrival, flow_of
+from dimersweep.analysis.orbits.slow.slow_flow import flow_of
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number
 
@@ -182,14 +182,14 @@ def _after(orbit: PeriodicOrbit, periods: float) -> Later:
         if stands or leg.periods > left:
             return _at(sheet, drifted(sheet.stretches, begin.spin, left)[0], leaps)
         left, end = left - leg.periods, sheet.at(leg.to)
-        if not isinstance(leg.then, Arrival) or leg.then.periods > left:
+        if not isinstance(leg.then, PeriodicOrbit) or leg.landing > left:
             if left == np.inf:
                 return Later(np.nan, np.nan, np.nan, np.nan, str(leg.then), tuple(leaps))
             return _by_run(end, left, leaps)
-        left, begin = left - leg.then.periods, leg.then.orbit
+        left, begin = left - leg.landing, leg.then
         number = id(leg.then)
         if number not in seen:
-            leaps.append(Leap(periods - left - leg.then.periods, (leg.to, begin.spin), (end.radius, begin.radius)))
+            leaps.append(Leap(periods - left - leg.landing, (leg.to, begin.spin), (end.radius, begin.radius)))
         elif left == np.inf:
             raise ParameterError(
                 f"periods = inf: the spin goes to and fro, from {leg.begin.spin:.6g} to {leg.to:.6g} rad/s"

@@ -339,6 +339,11 @@ class Standing(NamedTuple):
     error: float
 
     @property
+    def spin(self) -> float:
+        """Axial spin [rad/s]."""
+        return self.orbit.spin
+
+    @property
     def kind(self) -> str:
         """Kind of the spin: "spin" (on a circle), "plane" (spin 0), "end" (of a sheet) or "kept" (no drift nearby)."""
         if self.rate == 0 or np.isinf(self.rate):

@@ -40,32 +40,25 @@ BELOW, ABOVE = False, True
 SPIN_KINDS = ("spin", "end", "cycle", NEUTRAL, "plane")  # kinds of limits of the spin after a long time
 
 
-class Arrival(NamedTuple):
-    """The orbit that a run reaches which drifts over the end of a sheet, with the time that this takes."""
+def landing(end: PeriodicOrbit) -> tuple[PeriodicOrbit | Standing | str, float]:
+    """Find the orbit that a run reaches which drifts over the end of a sheet, and the forcing periods that it takes.
 
-    orbit: PeriodicOrbit
-    periods: float  # forcing periods of the run up to there
-
-
-def landing(end: PeriodicOrbit) -> Arrival | Standing | str:
-    """Find the orbit that a run reaches which drifts over the end of a sheet; without one, return the mode of the run.
-
-    Where motions alternate at the end, the run does not settle. Then the drift of an orbit beyond decides: if it leads
-    back, the spin stays at the end, a `Standing`.
+    Without such an orbit, the mode of the run stands in its place. Where motions alternate at the end, the run does not
+    settle. Then the drift of an orbit beyond decides: if it leads back, the spin stays at the end, a `Standing`.
     """
-    led = _landed(end, any_period=False)
-    if isinstance(led, Arrival):
-        return led
+    led, periods = _landed(end, any_period=False)
+    if isinstance(led, PeriodicOrbit):
+        return led, periods
     beyond = attempt(taken_up, end, np.sign(end.spin_drift), np.inf)
     if beyond is None:
         return _landed(end, any_period=True)
     way = abs(beyond.spin - end.spin)
     back = beyond.spin_drift * end.spin_drift < 0
-    return Standing(end, -np.inf, way) if back else Arrival(beyond, way / abs(end.spin_drift))
+    return (Standing(end, -np.inf, way), np.inf) if back else (beyond, way / abs(end.spin_drift))
 
 
-def _landed(end: PeriodicOrbit, any_period: bool) -> Arrival | str:
-    """Return the stable orbit that a run from the end of a sheet reaches, or the mode of the run if it reaches none.
+def _landed(end: PeriodicOrbit, any_period: bool) -> tuple[PeriodicOrbit | str, float]:
+    """Return the stable orbit that a run from the end of a sheet reaches, or its mode without one, and its periods.
 
     The orbit must have the period of the orbit `end`, unless `any_period`. The run goes on in stages of
     `LANDS_AFTER` forcing periods, and is tested after each of them.
@@ -77,8 +70,8 @@ def _landed(end: PeriodicOrbit, any_period: bool) -> Arrival | str:
         if run.mode in DOWN_WORDS or not (run.mode_period if any_period else run.mode_period == m.periods):
             continue
         if orbit := attempt(_orbit_near, run, replace(m, periods=run.mode_period)):
-            return Arrival(orbit, run.n_periods)
-    return run.mode
+            return orbit, run.n_periods
+    return run.mode, run.n_periods
 
 
 def _orbit_near(run: Run, m: ReturnMap) -> PeriodicOrbit:
@@ -96,7 +89,8 @@ class DriftLeg(NamedTuple):
     begin: PeriodicOrbit
     to: float  # spin at its end [rad/s]
     periods: float  # forcing periods up to there; infinite if nothing drifts there
-    then: Standing | Arrival | str  # spin at which nothing drifts or, at an end of the sheet, the result of `landing`
+    then: PeriodicOrbit | Standing | str  # spin at which nothing drifts or, at an end of the sheet, where a run leads
+    landing: float = np.inf  # forcing periods of that run: see the function `landing`
 
 
 class Cycle(NamedTuple):
@@ -124,7 +118,7 @@ class SlowFlow:
         self.sheets: list[Sheet] = []
         self.standing: list[list[Standing]] = []  # the spins at which nothing drifts, of each sheet
         # results of `landing`, by number of the sheet and end
-        self.leads: dict[tuple[int, bool], Arrival | Standing | str] = {}
+        self.leads: dict[tuple[int, bool], tuple[PeriodicOrbit | Standing | str, float]] = {}
 
     def sheet_of(self, orbit: PeriodicOrbit) -> int:
         """Return the number of the sheet that a stable orbit is on; a new sheet is followed, up to `MOST_SHEETS`."""
@@ -164,7 +158,7 @@ class SlowFlow:
         sheet = self.sheets[number]
         return bool(sheet.high_end if end else sheet.low_end) and sheet.orbits[-end].spin_drift * (1 if end else -1) > 0
 
-    def lead(self, number: int, end: bool) -> Arrival | Standing | str:
+    def lead(self, number: int, end: bool) -> tuple[PeriodicOrbit | Standing | str, float]:
         """Return the result of `landing` at an end of a sheet; the run is made once."""
         if (number, end) not in self.leads:
             self.leads[number, end] = landing(self.sheets[number].orbits[-end])
@@ -189,9 +183,9 @@ class SlowFlow:
         for end, sense, why in ((BELOW, -1.0, sheet.low_end), (ABOVE, 1.0, sheet.high_end)):
             last = sheet.orbits[-end]
             if self.drifts_over(number, end):
-                led = self.lead(number, end)
-                if isinstance(led, Arrival):
-                    yield led.orbit
+                led, _ = self.lead(number, end)
+                if isinstance(led, PeriodicOrbit):
+                    yield led
             elif why:  # no motion drifts over this end, but the family may go on beyond it
                 yield from all_found([partial(taken_up, last, sense, np.inf)])
 
@@ -201,29 +195,29 @@ class SlowFlow:
             return DriftLeg(Sheet([begin], "", ""), begin, begin.spin, np.inf, Standing(begin, 0.0, 0.0))
         number, drift = self.sheet_of(begin), begin.spin_drift
         sheet, end = self.sheets[number], drift > 0
-        ahead = [one for one in self.standing[number] if (one.orbit.spin - begin.spin) * drift >= 0]
+        ahead = [one for one in self.standing[number] if (one.spin - begin.spin) * drift >= 0]
         if ahead:
-            stands = min(ahead, key=lambda one: abs(one.orbit.spin - begin.spin))
-            return DriftLeg(sheet, begin, stands.orbit.spin, np.inf, stands)
+            stands = min(ahead, key=lambda one: abs(one.spin - begin.spin))
+            return DriftLeg(sheet, begin, stands.spin, np.inf, stands)
         last = sheet.orbits[-end]
         require(self.drifts_over(number, end), f"the drift leads beyond spin = {last.spin:.6g} rad/s")
         periods = time_between(sheet.stretches, begin.spin, last.spin)
-        return DriftLeg(sheet, begin, last.spin, periods, self.lead(number, end))
+        return DriftLeg(sheet, begin, last.spin, periods, *self.lead(number, end))
 
     def way(self, begin: PeriodicOrbit) -> Iterator[DriftLeg]:
         """Yield the drifts from an orbit on, one after the other; a cycle is repeated without end."""
         while True:
             leg = self.leg(begin)
             yield leg
-            if not isinstance(leg.then, Arrival):
+            if not isinstance(leg.then, PeriodicOrbit):
                 return
-            begin = leg.then.orbit
+            begin = leg.then
 
     def fate(self, begin: PeriodicOrbit) -> Standing | Cycle | str:
         """Return the limit of the spin of an orbit: a spin without drift, a cycle, or the mode of the last run."""
         legs: list[DriftLeg] = []
         for leg in self.way(begin):
-            if not isinstance(leg.then, Arrival):
+            if not isinstance(leg.then, PeriodicOrbit):
                 return leg.then
             same = [k for k, one in enumerate(legs) if one.then is leg.then]
             if same:
@@ -234,9 +228,9 @@ class SlowFlow:
     def cycles(self) -> list[Cycle]:
         """Return the cycles between the sheets, each once."""
         found: dict[frozenset[float], Cycle] = {}
-        for led in list(self.leads.values()):  # to follow the flow may find more of them
+        for led, _ in list(self.leads.values()):  # to follow the flow may find more of them
             try:
-                fate = self.fate(led.orbit) if isinstance(led, Arrival) else ""
+                fate = self.fate(led) if isinstance(led, PeriodicOrbit) else ""
             except OrbitError:
                 continue
             if isinstance(fate, Cycle):
@@ -245,7 +239,7 @@ class SlowFlow:
 
     def held(self) -> list[Standing]:
         """Return the ends of sheets at which the spin stays, since the drift beyond leads back."""
-        return [led for led in self.leads.values() if isinstance(led, Standing)]
+        return [led for led, _ in self.leads.values() if isinstance(led, Standing)]
 
     def _cycle(self, legs: list[DriftLeg]) -> Cycle:
         """Return the cycle of the drifts of one round."""
@@ -253,7 +247,7 @@ class SlowFlow:
         for leg in legs:
             low, high = sorted((leg.begin.spin, leg.to))
             orbits += [leg.begin, *(one for one in leg.sheet.orbits if low <= one.spin <= high)]
-        return Cycle(orbits, sum(leg.periods + leg.then.periods for leg in legs if isinstance(leg.then, Arrival)))
+        return Cycle(orbits, sum(leg.periods + leg.landing for leg in legs))
 
 
 def flow_of(orbit: PeriodicOrbit, whole: bool = False) -> SlowFlow:

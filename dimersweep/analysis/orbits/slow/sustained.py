@@ -141,8 +141,8 @@ def _dataset(flow: SlowFlow, given: dict[str, float], recorder: Recorder, rtol: 
     """Return the sustained spins, the cycles and the sheets as labelled data."""
 
     def leads(number: int, end: bool) -> str:
-        led = flow.lead(number, end) if flow.drifts_over(number, end) else ""
-        return led if isinstance(led, str) else f"spin = {led.orbit.spin:.6g} rad/s"
+        led = flow.lead(number, end)[0] if flow.drifts_over(number, end) else ""
+        return led if isinstance(led, str) else f"spin = {led.spin:.6g} rad/s"
 
     found, sheets = sorted(_rows(flow, given["f"]), key=lambda one: one[0].spin), flow.sheets
     columns = [
