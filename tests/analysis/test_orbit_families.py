@@ -7,7 +7,7 @@ from scipy.interpolate import CubicSpline
 
 from dimersweep import names, orbits, simulate
 from dimersweep.analysis.attractors.edges import uncertainty
-from dimersweep.analysis.orbits.continuation.steps import halved
+from dimersweep.analysis.orbits.continuation.steps import Between, halved, zero
 from dimersweep.analysis.orbits.map.lost import OrbitLost, in_steps, require
 from dimersweep.analysis.orbits.map.manifold import lag, slow_motion_of
 from dimersweep.analysis.orbits.map.orbit import orbit_of
@@ -235,6 +235,12 @@ def test_a_way_is_gone_by_halves_where_the_orbit_is_lost():
     ]
     with pytest.raises(OrbitLost, match="too long"):
         in_steps(step, 0.0, 1 / 4)
+
+
+def test_no_zero_is_located_where_a_function_has_no_value():
+    line = Between(-1.0, 1.0, lambda a, b, part, _: a + part * (b - a))
+    assert zero(line, lambda x: x + 0.2, 1e-9) == pytest.approx(0.4, abs=1e-9)
+    assert zero(line, lambda x: np.nan if abs(x) < 0.1 else x, 1e-9) is None
 
 
 def test_halving_and_the_exponent_of_fractal_fates():

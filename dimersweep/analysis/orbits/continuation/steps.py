@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol, Self, TypeVar
 import numpy as np
 from scipy.optimize import brentq
 
-from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, singular_lost
+from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt, require, singular_lost
 from dimersweep.errors import OrbitError
 
 LOCATED = 1e-9  # accuracy of a zero, in the parameter over its scale, or as a share of a step
@@ -159,9 +159,14 @@ def on_line(a: P, b: P) -> Between[P]:
 def zero(at: Mapping[float, T], test: Callable[[T], float], known: float, leap: float = LEAP) -> float | None:
     """Find the share of a step at which a test function is zero, with an error of at most `known`.
 
-    Return None if the function does not change its sign, if it leaps over zero, or if a point is not found. It leaps if
-    its size at the change of sign is at least `leap` times the larger one of its sizes at the ends.
+    Return None if the function does not change its sign, if it leaps over zero, or if a point is not found, or without
+    value. It leaps if its size at the change of sign is at least `leap` times the larger one of its sizes at the ends.
     """
+
+    def value(share: float) -> float:
+        found = test(at[share])
+        require(not np.isnan(found), "a function of the orbit has no value there")
+        return found
 
     @singular_lost()
     def share_of_zero() -> float | None:
@@ -169,7 +174,7 @@ def zero(at: Mapping[float, T], test: Callable[[T], float], known: float, leap: 
         if not first * last < 0:
             return None
         # rtol is the least that brentq takes: `known` decides
-        share = float(brentq(lambda share: test(at[share]), 0.0, 1.0, xtol=known, rtol=8.9e-16))
+        share = float(brentq(value, 0.0, 1.0, xtol=known, rtol=8.9e-16))
         return share if abs(test(at[share])) < leap * max(abs(first), abs(last)) else None
 
     return attempt(share_of_zero)
