@@ -220,6 +220,14 @@ def test_an_edit_in_an_imported_module_is_seen(tmp_path, copy, first):
 
 
 @pytest.mark.jit
+def test_code_that_is_loaded_starts_no_compiler(tmp_path, copy):
+    """Which would take as long as all else that a process does before its first run."""
+    first = "import sys, dimersweep.kernel.room.above as above; print(above.twice(), 'numba.np.linalg' in sys.modules)"
+    told = [run_python(first, copy, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2)]
+    assert told == ["2 True\n", "2 False\n"]
+
+
+@pytest.mark.jit
 def test_code_is_not_kept_under_the_name_of_sources_that_were_changed_meanwhile(tmp_path, copy):
     below = copy / "dimersweep" / "kernel" / "room" / "below.py"
     program = (

@@ -145,7 +145,8 @@ class _Kept:
             if code is not None:
                 from numba.core.compiler import CompileResult
 
-                context.refresh()  # functions that the code refers to must be registered before
+                # without a refresh of the context, which takes as long as all else: what the code refers to, functions
+                # of Python, C and Numba itself, is there from the beginning
                 found = CompileResult._rebuild(context, *pickle.loads(code))
                 ready.set()
                 return found
