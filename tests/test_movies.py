@@ -151,7 +151,7 @@ def test_an_interruption_leaves_the_former_file(run, tmp_path, monkeypatch, name
 
 
 def test_simulate_makes_a_movie_and_keeps_the_run(empty_folder, call):
-    assert call("simulate", "--periods", "8", "--movie", "a.gif", "--save", "a.nc")[2] == 0
+    assert call("simulate", "--periods", "1", "--movie", "a.gif", "--save", "a.nc")[2] == 0
     assert sorted(path.name for path in empty_folder.iterdir()) == ["a.gif", "a.nc"]
 
 
