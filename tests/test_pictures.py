@@ -157,7 +157,7 @@ def test_points_are_drawn_over_each_pair_of_their_parameters():
 
 def test_segments_are_the_angles_that_drift_in_their_rows():
     cube = cube_of([[R, D, D, R], [D, R, R, D]], {"f": [15, 20], "beta0": [0.1, 0.2, 0.3, 0.5]})
-    axes = draw(cube, "segments").axes[0]
+    axes = drawn(draw(cube, "segments"), laid_out=False).axes[0]
     rows = {text.get_text(): height for text, height in zip(axes.get_yticklabels(), axes.get_yticks(), strict=True)}
     spans = {}
     for row in axes.collections:
