@@ -240,7 +240,8 @@ def test_a_run_says_which_files_it_wrote(done):
 
 # --- orbits and attractors --------------------------------------------------------------------------------------------
 def test_the_circles_of_a_dimer(done, monkeypatch):
-    found = orbits.sustained(e=0.65, f=22, A_r=5, mu=0.1, mu_s=0.15)
+    found = orbits.sustained(spin=(0, 90), e=0.65, f=22, A_r=5, mu=0.1, mu_s=0.15)
+    assert found.sizes["sustained"] == 2
     asked = []
     monkeypatch.setattr("dimersweep.analysis.orbits.sustained", lambda **parameters: asked.append(parameters) or found)
     told = json.loads(done("orbits", *DIMER, "--json"))["circles"]

@@ -44,7 +44,7 @@ MAKERS = {
     "end": lambda run: orbits.border("stable_to", "Gamma", over={"e": [0.6], "A_r": [6.0, 7.0]}, spin=100.0),
     "change": lambda run: orbits.border("stick_slip", "Gamma", over={"e": [0.6]}, spin=100.0),
     "curve": lambda run: orbits.border_curve("flip", "Gamma", "e", span=(0.59, 0.61), spin=100.0),
-    "sustained": lambda run: orbits.sustained(A_r=5, f=22, e=0.65, mu=0.1, mu_s=0.15, Gamma=0.9),
+    "sustained": lambda run: orbits.sustained(spin=(0, 90), A_r=5, f=22, e=0.65, mu=0.1, mu_s=0.15, Gamma=0.9),
     "events": lambda run: run.events,
     "states": lambda run: run.states([0.0, 1.0]),
     "section": lambda run: run.section(),
