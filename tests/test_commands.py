@@ -230,7 +230,7 @@ def test_a_picture_has_the_name_of_what_it_shows(done, call, fake_kernel):
 
 def test_a_run_says_which_files_it_wrote(done):
     files = ["--save", "run.nc", "--plot", "run.png", "--movie", "run.gif"]
-    assert done("simulate", "--periods", "5", *files).splitlines()[-3:] == [
+    assert done("simulate", "--periods", "1", *files).splitlines()[-3:] == [
         "run: run.nc",
         "picture: run.png",
         "movie: run.gif",
@@ -239,9 +239,13 @@ def test_a_run_says_which_files_it_wrote(done):
 
 
 # --- orbits and attractors --------------------------------------------------------------------------------------------
-def test_the_circles_of_a_dimer(done):
+def test_the_circles_of_a_dimer(done, monkeypatch):
+    found = orbits.sustained(spin=(0, 90), e=0.65, f=22, A_r=5, mu=0.1, mu_s=0.15)
+    assert found.sizes["sustained"] == 2
+    asked = []
+    monkeypatch.setattr("dimersweep.analysis.orbits.sustained", lambda **parameters: asked.append(parameters) or found)
     told = json.loads(done("orbits", *DIMER, "--json"))["circles"]
-    found = orbits.sustained(e=0.65, f=22, A_r=5, mu=0.1, mu_s=0.15)
+    assert asked == [{"e": "0.65", "f": "22", "A_r": "5", "mu": "0.1", "mu_s": "0.15"}]
     assert [row["spin"] for row in told] == found["spin"].values.tolist()
     assert [row["attracts"] for row in told] == found["attracts"].values.tolist()
     assert told[0]["radius"] is None or told[0]["radius"] > 0

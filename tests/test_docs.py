@@ -99,6 +99,8 @@ def examples_of(path, parsers, **more):
     return list(document.examples()), document.namespace
 
 
+# blocks that fit for seconds: `fits.fit` and `fits.Likelihood` have shorter examples
+OF_RELEASE = ('"A_r": (5.8, 6.2)}', "emcee.EnsembleSampler")
 WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
 
 
@@ -106,7 +108,7 @@ WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding=
 @pytest.mark.parametrize("times", [1, pytest.param(2, marks=pytest.mark.release)])
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
 def test_each_block_of_a_page_runs_by_itself(page, times, tmp_path, monkeypatch):
-    """And once more in the folder that it has been run in, if it has left anything there."""
+    """And before a release once more in the folder that it has been run in, if it has left anything there."""
     for again in range(times):
         examples, names = examples_of(page, [PythonCodeBlockParser(), SkipParser()])
         shared = dict(names)
@@ -117,7 +119,8 @@ def test_each_block_of_a_page_runs_by_itself(page, times, tmp_path, monkeypatch)
             folder = tmp_path / str(number)
             folder.mkdir(exist_ok=bool(again))
             monkeypatch.chdir(folder)
-            if not again or any(folder.iterdir()):
+            left_out = times == 1 and any(words in str(example.parsed) for words in OF_RELEASE)
+            if not left_out and (not again or any(folder.iterdir())):
                 example.evaluate()
 
 

@@ -1,6 +1,5 @@
 """The parts of a sweep, each made by itself, give the cube of one sweep; what does not go together is refused in a line."""
 
-import random
 from pathlib import Path
 
 import numpy as np
@@ -74,11 +73,10 @@ WAYS = {
 def test_parts_in_any_order_give_the_cube_of_one_sweep(way):
     grid, how = WAYS[way]
     whole = sweep(grid, out="whole.nc", **how)
-    numbers = random.Random(0).sample(range(1, 6), 5)
-    for number in numbers:
-        part = sweep(grid, out="cube.nc", part=f"{number}/5", **how)
+    for number in (numbers := [2, 3, 1]):
+        part = sweep(grid, out="cube.nc", part=f"{number}/3", **how)
         assert 0 < (part["mode"] > 0).sum() < part["mode"].size
-    merged = merge([f"cube.part-{number}-of-5.nc" for number in numbers], "cube.nc")
+    merged = merge([f"cube.part-{number}-of-3.nc" for number in numbers], "cube.nc")
     assert merged.attrs[CHECKSUM] == whole.attrs[CHECKSUM]
     assert merged.attrs["configuration_sha256"] == whole.attrs["configuration_sha256"]
     assert open_cube("cube.nc").equals(open_cube("whole.nc"))

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import tomllib
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -48,8 +49,13 @@ def test_a_program_imports_its_room_and_what_it_shares_with_the_tests(room):
                 assert rest[0] in {"checks", "oracle", "limits"}, f"{path}: {name}"
 
 
+@cache
 def defined(path):
     """Constants and classes that a module defines."""
+    return {*definitions(path)}
+
+
+def definitions(path):
     for node in ast.parse(path.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ClassDef):
             yield node.name
@@ -62,8 +68,8 @@ def defined(path):
     "room", ["analysis", "cli", "cubes", "exploring", "plots", "runs", "storage", "studies", "work"]
 )
 def test_a_constant_or_a_class_of_a_room_has_no_namesake_in_another_module(room):
-    own = {path: set(defined(path)) for path in files(f"dimersweep/{room}")}
-    others = {path: set(defined(path)) for path in files("dimersweep")}
+    own = {path: defined(path) for path in files(f"dimersweep/{room}")}
+    others = {path: defined(path) for path in files("dimersweep")}
     assert not [
         (name, str(path.relative_to(ROOT)), str(other.relative_to(ROOT)))
         for path, names in own.items()

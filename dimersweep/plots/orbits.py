@@ -327,7 +327,7 @@ def walks(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     Examples
     --------
     >>> from dimersweep import plots, search
-    >>> grid = {"tilt": [0.0, 1e-3, 2e-3], "beta0": [0.28]}
+    >>> grid = {"tilt": [0.0, 1e-3], "beta0": [0.28]}
     >>> cube = search(grid, over="beta0", ask="first", periods=700, progress=False,
     ...               orbit_periods=700, paths={"periods": 700, "per_period": 1})
     >>> plots.walks(cube).savefig("walks.png")

@@ -189,8 +189,7 @@ class Fit:
         Examples
         --------
         >>> from dimersweep import fits
-        >>> data = {"path_radius": (4.06, 0.02), "zeta": (1.6, 0.002)}
-        >>> fits.fit(data, {"e": (0.55, 0.75), "A_r": (5.5, 6.5)}).plot().savefig("fit.png")
+        >>> fits.fit({"path_radius": (4.06, 0.02)}, {"e": (0.55, 0.75)}).plot().savefig("fit.png")
         """
         return draw_fit(self.values, self.covariance, self.ranges, self.valley, **look)
 

@@ -195,7 +195,7 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
     StoreError
         If there is no group, or it is damaged.
     """
-    import dask.array
+    from dask.array import from_array
 
     check_zarr()
     description = _description_of(path)
@@ -207,7 +207,8 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
     for name, variable in cube.variables.items():
         if name not in cube.indexes:  # indexes are in memory already
             numbers = _Numbers(path, str(name), variable, description, whole=not lacking[str(name)])
-            variable.data = dask.array.from_array(numbers, _chunks_of(variable), name=False, fancy=False)
+            chunks = _chunks_of(variable)  # none of a single value, which is compared as soon as a cube is opened
+            variable.data = from_array(numbers, chunks, name=False, fancy=False) if chunks else numbers[()]
         if "flag_values" in variable.attrs:  # a list, as Zarr stores attributes as JSON
             variable.attrs["flag_values"] = np.array(variable.attrs["flag_values"], dtype=variable.dtype)
     # a sweep writes all chunks; a copy by xarray lacks chunks that have only missing values or zeros: then the checksum
