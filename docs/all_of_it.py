@@ -19,5 +19,5 @@ behind = cube.dimersweep.run(point=clicked)
 print(behind)
 behind.animate("walk.gif", force=True)
 
-diagram = dimersweep.bifurcation({"Gamma": np.linspace(0.9, 1.6, 71)}, periods=200, strobes=40)
+diagram = dimersweep.bifurcation({"Gamma": np.linspace(0.9, 1.6, 141)}, periods=400, strobes=40)
 diagram.dimersweep.plot("bifurcation", "bifurcation.png", force=True)
