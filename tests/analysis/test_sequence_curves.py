@@ -17,7 +17,7 @@ pytestmark = pytest.mark.slow
 # kind: fixed parameters, e, and how far from the border orbits found in sections of their own surely have its sequences
 CURVES = {
     "stick_slip": ({"A_r": 6.0}, np.linspace(0.6, 0.64, 3), 2e-4),  # the same symbols on both sides, but other counts
-    "chatter": ({"A_r": 8.0}, np.linspace(0.6, 0.68, 5), 5e-6),
+    "chatter": ({"A_r": 8.0}, np.linspace(0.6, 0.66, 4), 5e-6),
     "double_impact": ({"A_r": 6.0}, np.linspace(0.5, 0.6, 3), 5e-5),
     "hop": (
         {"A_r": 6.0},
