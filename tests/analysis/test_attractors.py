@@ -270,13 +270,13 @@ def test_a_release_is_drawn_within_its_tolerances():
 def test_the_phase_of_the_plate_decides_a_release():
     known = attractors(ABOUT_16, starts=60, seed=1, **ROW)
     assert (share_of_drifts(known), float(known["share_low"][0])) == (1.0, pytest.approx(60 / (60 + 1.96**2), abs=1e-4))
-    any_phase = attractors(ABOUT_16 | {"phi0": "any"}, starts=120, seed=1, **ROW)
+    any_phase = attractors(ABOUT_16 | {"phi0": "any"}, starts=60, seed=1, **ROW)
     assert any_phase.identical(
-        attractors(ABOUT_16 | {"phi0": ("0 deg", "360 deg")}, starts=120, seed=1, workers=1, **ROW)
+        attractors(ABOUT_16 | {"phi0": ("0 deg", "360 deg")}, starts=60, seed=1, workers=1, **ROW)
     )
     plain = [
         simulate(**{name: float(any_phase[name][k]) for name in ("beta0", "xdot0", "phi0")}, periods=200, record=False)
-        for k in range(120)
+        for k in range(60)
     ]
     assert modes_of_starts(any_phase) == [run.mode for run in plain]
     assert 0.15 < share_of_drifts(any_phase) < 0.4
