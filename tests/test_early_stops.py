@@ -14,7 +14,7 @@ PERIODS = 150
 CORNERS = 1  # runs of some hundred whose word may differ
 
 
-@pytest.fixture(scope="module", params=[300, pytest.param(1100, marks=pytest.mark.release)])
+@pytest.fixture(scope="module", params=[200, pytest.param(1100, marks=pytest.mark.release)])
 def both(request):
     rows, _ = scenes(request.param, 7)
     return both_ways(rows, PERIODS)

@@ -613,10 +613,11 @@ def test_a_fit_is_drawn_with_its_ellipses():
             pair = [column, row + 1]
             inverse = np.linalg.inv(covariance[np.ix_(pair, pair)])
             centre = np.array([values[names[k]] for k in pair])
-            for patch, times in zip(axes.patches, (2, 1), strict=True):
-                away = patch.get_xy() - centre
+            for region, times in zip(axes.collections, (2, 1), strict=True):
+                (ellipse,) = region.get_paths()
+                away = ellipse.vertices - centre
                 np.testing.assert_allclose(np.einsum("ki,ij,kj->k", away, inverse, away), times**2)
-                assert patch.get_label() == f"{times} standard deviation{'s' * (times > 1)}"
+                assert region.get_label() == f"{times} standard deviation{'s' * (times > 1)}"
             np.testing.assert_array_equal(axes.lines[0].get_xydata(), [centre])
             assert (axes.get_xlim(), axes.get_ylim()) == (ranges[names[column]], ranges[names[row + 1]])
             if row == 1:

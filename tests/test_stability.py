@@ -1,5 +1,6 @@
 """Multipliers and Lyapunov exponents against closed forms: the ball on a plate, and the decay of an orbit."""
 
+from functools import cache
 from itertools import combinations
 from math import acos, cos, hypot, log, pi, sin, sqrt
 
@@ -129,6 +130,7 @@ def test_the_exponent_of_a_settled_motion_is_that_of_its_largest_multiplier(drif
     assert found.exponent == pytest.approx(15 * found.per_period)
 
 
+@cache
 def ball_exponent(e, Gamma, impacts, skip=200):
     """Lyapunov exponent per period of a ball on a plate by the product of its tangent maps; units of 1/omega and g."""
     t, u, change, total, start = 1.0, 2.0 * Gamma, np.array([1.0, 0.3]), 0.0, 0.0
@@ -310,7 +312,7 @@ def test_the_exponents_of_a_settled_motion_are_those_of_its_multipliers(drift):
 
 def test_the_largest_exponent_of_chaos_is_that_of_a_twin():
     run = simulate(Gamma=3.0, e=0.8, periods=200)
-    every, largest = spectrum(run, 1500), lyapunov(run, 1500)
+    every, largest = spectrum(run, 600), lyapunov(run, 600)
     assert every.periods == largest.periods
     # both have grown alike, but for how the directions that they began with lie to the one that grows
     assert abs(every.per_period[0] - largest.per_period) * largest.periods < log(10)
@@ -338,7 +340,7 @@ def bouncing(seed):
 def test_without_friction_the_exponents_add_up_to_what_impacts_take():
     """A flight keeps the volume of phase space, and an impact of an end of restitution e leaves e^2 of it, in any period."""
     seed = scenes = steep = 0
-    while scenes < 50:
+    while scenes < 20:
         scene, seed = bouncing(seed), seed + 1
         run, f = simulate(**scene, periods=10), scene["f"]
         longer = run.go_on(20 + 1 + 10)
@@ -353,7 +355,7 @@ def test_without_friction_the_exponents_add_up_to_what_impacts_take():
         expected = 2 * (struck[0] * log(scene["e_1"]) + struck[1] * log(scene["e_2"])) * f / 10
         assert found.exponents.sum() == pytest.approx(expected, abs=1e-6 * f), scene
         steep += np.abs(longer.states(np.linspace(31, 41, 400) / f)["beta"].values).max() > pi / 2 - 0.02
-    assert seed < 100 and steep >= 5
+    assert seed < 40 and steep >= 2
 
 
 @pytest.mark.parametrize("lower", [0.1, 1e-3, 1e-6, 1e-9])

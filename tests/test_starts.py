@@ -215,9 +215,9 @@ def apart(one, two):
 
 @jit
 def test_a_run_goes_on_from_any_moment_of_another():
-    """200 scenes of the whole model: starts from states, from sections, from ends of runs, and from what these say."""
+    """80 scenes of the whole model: starts from states, from sections, from ends of runs, and from what these say."""
     sensitive, second = 0, 0
-    for seed in range(200):
+    for seed in range(80):
         rng = np.random.default_rng([20240306, seed])
         scene = started_scene(seed) | {"D_r": 1e-3, "phi0": float(rng.uniform(0, 2 * pi))}
         f, second = scene["f"], second + ("Gamma_2" in scene)
@@ -226,13 +226,14 @@ def test_a_run_goes_on_from_any_moment_of_another():
         way = ("states", "section", "run", "told")[seed % 4]
         time = {"section": 1.0, "run": 2.0}.get(way, float(rng.uniform(0.5, 2.0))) / f
         begun = run.states(time)
-        start, given = {
-            "states": (begun, {}),
-            "section": (run.section().isel(n=1), {}),
-            "run": (simulate(**scene, periods=2, rtol=1e-10), {}),
-            "told": ({name: begun[name].item() for name in begun.data_vars if name in STATE_QUANTITIES}, scene),
-        }[way]
-        given = {name: value for name, value in given.items() if name not in START and name != "phi0"}
+        start, given = begun, {}
+        if way == "section":
+            start = run.section().isel(n=1)
+        elif way == "run":
+            start = simulate(**scene, periods=2, rtol=1e-10)
+        elif way == "told":
+            start = {name: begun[name].item() for name in begun.data_vars if name in STATE_QUANTITIES}
+            given = {name: value for name, value in scene.items() if name not in START and name != "phi0"}
         if way == "told" and "Gamma_2" in scene:  # numbers know of no run: phi_2 is that of a plate with phi0 = 0
             given["phi_2"] = scene["phi_2"] - 2 * scene["phi0"]
         again, ahead = simulate(start=start, **given, periods=1, rtol=1e-10), np.array([0.3, 0.7, 1.0]) / f
@@ -241,7 +242,7 @@ def test_a_run_goes_on_from_any_moment_of_another():
             sensitive += 1
             finer = simulate(**scene, periods=3, rtol=1e-12)
             assert apart(finer.states(time + ahead), run.states(time + ahead)) > SENSITIVE, (seed, way, off)
-    assert sensitive <= 4 and second > 100
+    assert sensitive <= 2 and second > 40
 
 
 @jit

@@ -217,10 +217,10 @@ class RefinedMap(Search):
         """
         cube = super().as_cube(results)
         computed = ~not_run(results["codes"]).reshape(self.grid.shape)
+        filled = [cube[name].values for name in FILLED]
         for face in (face for cell in self.cells for face in cell.faces()):
             missing = ~computed[face]
-            for name in FILLED:
-                values = cube[name].values
+            for values in filled:
                 values[face][missing] = values[tuple(span.start for span in face)]
         cube["computed"] = variable("computed", tuple(self.grid.axes), computed)
         return cube

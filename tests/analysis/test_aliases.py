@@ -36,7 +36,7 @@ TIMES = {
     "twenty points twice": np.r_[TWENTY, TWENTY],
     "two cameras 1 ms apart": np.r_[FRAMES, FRAMES + 1e-3],
     "two cameras 0.1 ms apart": np.r_[FRAMES[:300], FRAMES[:300] + 1e-4],
-    "three cameras": np.r_[FRAMES, FRAMES, FRAMES + 2e-4],
+    "three cameras": np.r_[FRAMES[::2], FRAMES[::2], FRAMES[::2] + 2e-4],
     "dropped": FRAMES[np.random.default_rng(4).uniform(size=FRAMES.size) < 0.2],
     "random": np.random.default_rng(5).uniform(0, 60, 80),
 }
@@ -133,7 +133,7 @@ def misfit(t, place, rate, moving):
     return np.linalg.norm(A @ np.linalg.lstsq(A, place, rcond=None)[0] - place) ** 2
 
 
-@pytest.mark.parametrize("seed", range(9))
+@pytest.mark.parametrize("seed", range(6))  # both kinds with the three of times
 def test_no_rate_fits_better(seed):
     """All rates up to one and a half turns in the usual step, a twentieth of a turn in the track apart, fit less well."""
     rng = np.random.default_rng([56, seed])

@@ -37,7 +37,15 @@ def test_every_declaration_is_allowed_and_has_a_small_preset(path):
 
 @pytest.mark.slow
 @pytest.mark.jit
-@pytest.mark.parametrize("name", ["atlas_f-small", "branch-small", "families-small", "fig14_16-small"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("atlas_f-small", marks=pytest.mark.release),
+        "branch-small",
+        "families-small",
+        "fig14_16-small",
+    ],
+)
 def test_a_small_preset_is_written_and_drawn(name, tmp_path):
     out = tmp_path / "borders.nc"
     made = make_borders(read_borders(BORDERS / f"{name}.toml"), out)

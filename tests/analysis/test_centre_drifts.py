@@ -40,7 +40,7 @@ def of_runs(orbit, name, size):
 @pytest.mark.parametrize("dimer", [BASE, ALIKE, UNLIKE], ids=["base", "alike", "unlike"])
 def test_runs_drift_as_told(dimer, name):
     orbit = found(dimer)
-    for size in (1e-4, 3e-4):
+    for size in (1e-4, 3e-4) if dimer is BASE else (3e-4,):
         seen, spin = of_runs(orbit, name, size)
         told = orbits.centre_drift(guess=orbit, spin=spin, **{name: size})
         assert abs(seen / velocity(told) - 1) < 0.01

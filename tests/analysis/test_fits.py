@@ -3,6 +3,9 @@
 import pickle
 import re
 import signal
+from contextlib import redirect_stderr
+from functools import cache
+from io import StringIO
 from math import erfc
 
 import numpy as np
@@ -108,9 +111,19 @@ def track_of(run, t, error=0.0, rng=None, sigma=None):
     return fits.circle(t, x, y, sigma)
 
 
+@cache
+def whole_run(**scene):
+    return simulate(**scene, periods=900)
+
+
+@cache
+def run_up_to(periods, **scene):
+    return simulate(**scene, periods=periods, rtol=1e-10)
+
+
 def orbit_halfway(scene, moment):
     """The orbit of the spin that a run has at a moment [forcing periods], if it drifts slowly and evenly between impacts."""
-    run = simulate(**scene, periods=round(moment), rtol=1e-10)
+    run = run_up_to(round(moment), **scene)
     cycles = scene.get("phi0", 0.0) / (2 * np.pi)
     since = moment - round(moment) + (round(moment) + cycles - run.orbit.impact_phase) % 1
     return orbits.find(guess=run, spin=run.orbit.spin + run.orbit.spin_drift * since)
@@ -137,7 +150,7 @@ TIMES = {
 )
 def test_a_track_has_of_its_orbit_what_is_foretold(times, scene, close, quicker):
     """Without errors: a track of a run, and what one of the orbit at its middle would give; swing and slow drift are seen."""
-    run = simulate(**scene, periods=900)
+    run = whole_run(**scene)
     f = run.parameters["f"]
     t = times(300, 900) / f
     track = track_of(run, t, sigma=1e-4)
@@ -253,7 +266,7 @@ def test_true_values_lie_within_the_errors_as_often_as_they_should():
         rng = np.random.default_rng([27, seed])
         true = rng.uniform(0.62, 0.68)
         radius = orbits.find(e=true, **SLIPPY).radius + rng.normal(0, 0.02)
-        fit = fits.fit({"radius": (radius, 0.02)}, {"e": (0.57, 0.75)}, **SLIPPY)
+        fit = fits.fit({"radius": (radius, 0.02)}, {"e": (0.6, 0.72)}, **SLIPPY)
         apart.append((fit.values["e"] - true) / fit.errors["e"])
     assert 1.3 < np.sum(np.square(apart)) < 22
     assert np.min(apart) < 0 < np.max(apart)
@@ -270,7 +283,7 @@ def test_no_restitution_and_friction_give_a_radius_below_the_least():
         "e is at the upper end of its range",
         "mu is at the lower end of its range",
     ]
-    least = min(orbits.find(e=e, mu=mu).radius for e in np.linspace(0.65, 0.85, 5) for mu in np.linspace(0.05, 0.4, 8))
+    least = min(orbits.find(e=e, mu=mu).radius for e in np.linspace(0.65, 0.85, 5) for mu in np.linspace(0.05, 0.4, 4))
     assert fit.predicted[0] == pytest.approx(least, abs=1e-4)
     assert fit.predicted[0] == pytest.approx(3.745, abs=2e-3)
 
@@ -288,7 +301,7 @@ def test_improbable_data_have_the_errors_that_probable_ones_have():
 
 @pytest.mark.slow
 def test_where_the_stable_orbits_end_it_says_so():
-    fit = fits.fit({"radius": (6.0, 0.1)}, {"e": (0.54, 0.65)})
+    fit = fits.fit({"radius": (6.0, 0.1)}, {"e": (0.553, 0.6)})
     assert not fit.possible
     assert "border of the stable orbits" in " ".join(fit.notes)
     with pytest.raises(OrbitError):
@@ -303,8 +316,18 @@ def test_a_value_at_the_end_of_its_range_is_told():
 
 
 # --- what the data leave open -----------------------------------------------------------------------------------------
-def test_one_radius_does_not_tell_two_parameters():
-    fit = fits.fit({"radius": (4.06, 0.02)}, {"e": (0.58, 0.75), "A_r": (5.8, 6.2)}, **SLIPPY)
+@pytest.fixture(scope="module")
+def in_a_valley():
+    """A fit of two parameters to one radius, and the lines that it prints."""
+    free, printed = {"e": (0.58, 0.75), "A_r": (5.8, 6.2)}, StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stderr(printed):
+        every_line(patch)
+        fit = fits.fit({"radius": (4.06, 0.02)}, free, **SLIPPY)
+    return fit, printed.getvalue().splitlines()
+
+
+def test_one_radius_does_not_tell_two_parameters(in_a_valley):
+    fit, _ = in_a_valley
     assert fit.possible
     assert fit.singular_values[1] == 0
     assert len(fit.undetermined) == 2
@@ -354,7 +377,7 @@ def test_an_error_leaves_out_nothing_that_is_open():
     alone, _, pair, _ = fit.plot().axes
     profile = alone.lines[0].get_xdata()
     assert [min(profile), max(profile)] == [min(e), max(e)]
-    seen = np.concatenate([patch.get_xy() for patch in pair.patches])
+    seen = np.concatenate([path.vertices for region in pair.collections for path in region.get_paths()])
     assert (np.abs(np.ptp(seen, axis=0) - np.ptp(fit.valley.values, axis=0)) < 0.2 * np.ptp(seen, axis=0)).all()
 
 
@@ -433,7 +456,7 @@ def test_a_fit_is_shown_as_a_line_a_table_and_a_picture():
     assert float(rows["radius"][3]) == pytest.approx(fit.predicted[0], rel=1e-5)
     assert rows["cost:"][1] == f"{fit.cost:,.0f}"
     (axes,) = fit.plot().axes
-    corners = axes.patches[0].get_xy()  # two standard deviations: its extent is that of each parameter
+    corners = axes.collections[0].get_paths()[0].vertices  # two standard deviations: extents of the parameters
     assert np.ptp(corners, axis=0) == pytest.approx([4 * error for error in fit.errors.values()], rel=1e-2)
 
 
@@ -458,12 +481,15 @@ def test_a_fit_that_is_stopped_tells_the_best_values_so_far(monkeypatch, last):
     assert str(stop.value) == told
 
 
-@pytest.mark.parametrize(("free", "last"), [({}, "errors"), ({"A_r": (5.8, 6.2)}, "along the valley")])
-def test_a_fit_tells_how_far_it_is_and_what_it_does(monkeypatch, capsys, free, last):
-    every_line(monkeypatch)
-    data, free = {"path_radius": (4.06, 0.02)}, {"e": (0.58, 0.75), **free}
-    fits.fit(data, free, **SLIPPY)
-    lines = capsys.readouterr().err.splitlines()
+@pytest.mark.parametrize("last", ["errors", "along the valley"])
+def test_a_fit_tells_how_far_it_is_and_what_it_does(monkeypatch, capsys, last, request):
+    if last == "errors":
+        data, free = {"path_radius": (4.06, 0.02)}, {"e": (0.58, 0.75)}
+        every_line(monkeypatch)
+        fits.fit(data, free, **SLIPPY)
+        lines = capsys.readouterr().err.splitlines()
+    else:
+        _, lines = request.getfixturevalue("in_a_valley")
     for doing in ("looking around", "descending", last):
         assert any(re.search(rf": {doing}: chi-square \S+$", line) for line in lines), doing
     counts = [[*map(int, re.match(r"(\d+)/(\d+) points, \d+ %, elapsed", line).groups())] for line in lines]

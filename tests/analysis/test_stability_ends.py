@@ -10,6 +10,7 @@ from tests.checks.dimers import crossed, random_dimer
 from tests.checks.tables import multipliers
 
 FIRST, LAST = 1, 8  # of the random dimers; `benchmarks/evidence/borders_random.py` judges more
+QUICK = 4  # of these in each run of the tests
 
 
 def dimer_without_e(dimer):
@@ -23,7 +24,10 @@ def carried(run, dimer, Gamma, periods):
     return simulate(start=run.states(run.duration), periods=periods, rtol=1e-9, **parameters)
 
 
-@pytest.mark.parametrize("seed", range(FIRST, LAST))
+@pytest.mark.parametrize(
+    "seed",
+    [*range(FIRST, QUICK + 1), *(pytest.param(seed, marks=pytest.mark.release) for seed in range(QUICK + 1, LAST))],
+)
 def test_a_random_dimer_drifts_between_its_fold_and_the_end_of_its_stability(seed):
     dimer = random_dimer(seed)
     over, rest = {"e": [dimer["e"]]}, dimer_without_e(dimer)
@@ -35,7 +39,7 @@ def test_a_random_dimer_drifts_between_its_fold_and_the_end_of_its_stability(see
     assert inner == "stable" and outer in ("unstable", "none")
 
 
-@pytest.mark.parametrize(("seed", "Gamma"), [(1, 1.22200992), (45, 1.13401395)])
+@pytest.mark.parametrize(("seed", "Gamma"), [(1, 1.22200992), pytest.param(45, 1.13401395, marks=pytest.mark.release)])
 def test_a_flip_beyond_changes_of_section_and_of_the_sense_of_the_parameter_is_found(seed, Gamma):
     """Where the section is changed the sense of the branch is that of a motion a little ahead, not that of the parameter."""
     dimer = random_dimer(seed)

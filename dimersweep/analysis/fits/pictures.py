@@ -4,6 +4,7 @@ from typing import Unpack
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 
 from dimersweep.analysis.fits.measured import MEASURABLE
@@ -103,16 +104,17 @@ def _regions(
     """
     angle = np.linspace(0, 2 * np.pi, CORNERS)
     for times, shade in DEVIATIONS.items():
-        label: str | None = f"{times} standard deviation{'s' if times > 1 else ''}"
-        for k in np.flatnonzero(rises < times**2):
-            form = ((times**2 - rises[k]) * across[k] + along[k])[np.ix_(pair, pair)]
-            if np.isfinite(form).all():
-                # a size is 0, but for rounding, if a parameter is known exactly
-                sizes, directions = np.linalg.eigh(form)
-                root = directions * np.sqrt(np.maximum(sizes, 0.0))
-                x, y = centres[k, pair][:, None] + root @ np.array([np.cos(angle), np.sin(angle)])
-                axes.fill(x, y, color=shade, lw=2 if len(centres) > 1 else 0, label=label)
-                label = None
+        left = times**2 - rises
+        forms = (left[:, None, None] * across + along)[:, pair][:, :, pair]
+        drawn = (left > 0) & np.isfinite(forms).all(axis=(1, 2))
+        # a size is 0, but for rounding, if a parameter is known exactly
+        sizes, directions = np.linalg.eigh(forms[drawn])
+        roots = directions * np.sqrt(np.maximum(sizes, 0.0))[:, None]
+        corners = centres[drawn][:, None, pair] + np.column_stack([np.cos(angle), np.sin(angle)]) @ roots.mT
+        if drawn.any():  # in one piece: to add ellipses one by one takes longer than all else
+            label = f"{times} standard deviation{'s' if times > 1 else ''}"
+            ellipses = PolyCollection(corners, color=shade, lw=2 if len(centres) > 1 else 0, label=label)
+            axes.add_collection(ellipses, autolim=False)
 
 
 def _draw_single(axes: Axes, k: int, value: float, variance: float, valley: Valley | None, ends: np.ndarray) -> None:
