@@ -11,8 +11,6 @@ from dimersweep.errors import OrbitError, ParameterError
 # a spin whose slow time is short; a cycle of the spin between two motions; one that lies between the ends of sheets
 CHOSEN = {"r": 4.7e-3, "A_r": 6.82, "f": 14.27, "e": 0.626, "mu": 0.111, "mu_s": 0.133, "Gamma": 0.866}
 TO_AND_FRO = {"r": 4.7e-3, "A_r": 5.55, "f": 18.40, "e": 0.699, "mu": 0.172, "mu_s": 0.276, "Gamma": 0.633}
-# a spin that is held where the motion has no orbit over a part of the spin, with one drift on each side
-HELD = {"r": 2.89e-3, "A_r": 7.64, "f": 36.07, "e": 0.533, "mu": 0.366, "mu_s": 0.482, "Gamma": 1.1}
 # a family that ends in a fold, to which the spin rises
 DIES = {"r": 6.968e-3, "A_r": 4.895, "f": 21.95, "e": 0.7142, "mu": 0.3468, "mu_s": 0.6005, "Gamma": 0.53164}
 # a spin that goes to and fro over 0.011 rad/s between two motions, of which one slips for a while
