@@ -1,5 +1,6 @@
 """Fixtures of the tests around the kernel, and what is said of tests that were left out."""
 
+import gc
 import os
 import re
 import signal
@@ -18,6 +19,9 @@ from tests.seams import rows_made, use_kernel
 
 settings.register_profile("unhurried", deadline=None)  # a machine may be busy
 settings.load_profile("unhurried")
+gc.set_threshold(
+    50_000, 20, 100
+)  # thousands of tests are kept: to look through them for garbage takes a twentieth of all
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts its background jobs with Ctrl-C ignored
 
 

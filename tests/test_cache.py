@@ -86,10 +86,10 @@ def versions_of(tree=PACKAGE.parent, **environment):
     [
         (batch, True, True),
         (parameters, False, True),
-        (deciding, False, True),
+        pytest.param(deciding, False, True, marks=pytest.mark.release),
         (tiles, False, False),
-        (dimersweep, False, False),
-        (plots, False, False),
+        pytest.param(dimersweep, False, False, marks=pytest.mark.release),
+        pytest.param(plots, False, False, marks=pytest.mark.release),
         (cli, False, False),
     ],
     ids=lambda given: getattr(given, "__name__", ""),
@@ -107,13 +107,13 @@ def test_what_an_edit_changes(copy, module, code, results, untouched):
 @pytest.mark.parametrize(
     "setting",
     [
-        {"NUMBA_CPU_NAME": "generic"},
+        pytest.param({"NUMBA_CPU_NAME": "generic"}, marks=pytest.mark.release),
         {"NUMBA_CPU_NAME": "x86-64-v3", "NUMBA_CPU_FEATURES": "-fma"},
         {"NUMBA_DISABLE_JIT": "1"},
         {"NUMBA_OPT": "1"},
-        {"NUMBA_BOUNDSCHECK": "1"},
-        {"NUMBA_ENABLE_AVX": "0"},
-        {"NUMBA_SLP_VECTORIZE": "1"},
+        pytest.param({"NUMBA_BOUNDSCHECK": "1"}, marks=pytest.mark.release),
+        pytest.param({"NUMBA_ENABLE_AVX": "0"}, marks=pytest.mark.release),
+        pytest.param({"NUMBA_SLP_VECTORIZE": "1"}, marks=pytest.mark.release),
     ],
     ids=" ".join,
 )
@@ -127,7 +127,9 @@ def test_places_and_threads_change_no_version(tmp_path):
     assert versions_of(NUMBA_CACHE_DIR=str(tmp_path), NUMBA_NUM_THREADS="1") == versions_of()
 
 
-@pytest.mark.parametrize("name", ["haswell", "znver2", "skylake-avx512"])
+@pytest.mark.parametrize(
+    "name", ["skylake-avx512", *(pytest.param(name, marks=pytest.mark.release) for name in ("haswell", "znver2"))]
+)
 def test_another_processor_changes_the_code_alone(name):
     code, results = versions_of(NUMBA_CPU_NAME=name, NUMBA_CPU_FEATURES="")
     common = versions_of(NUMBA_CPU_NAME="x86-64-v3", NUMBA_CPU_FEATURES="")
@@ -253,8 +255,8 @@ def plant(folder, name):
     ("variable", "value"),
     [
         ("NUMBA_CACHE_DIR", "p/dimersweep/.numba"),
-        ("NUMBA_CACHE_DIR", "p/dimersweep/0123456789abcdef"),
-        ("XDG_CACHE_HOME", "p"),
+        pytest.param("NUMBA_CACHE_DIR", "p/dimersweep/0123456789abcdef", marks=pytest.mark.release),
+        pytest.param("XDG_CACHE_HOME", "p", marks=pytest.mark.release),
         ("HOME", "p"),
     ],
 )

@@ -214,7 +214,7 @@ def slow_sweep(declared="small.toml", cube="fig07-small.nc"):
 @pytest.mark.parametrize(
     ("declared", "cube", "number", "word"),
     [
-        ("small.toml", "fig07-small.nc", signal.SIGINT, "interrupted"),
+        pytest.param("small.toml", "fig07-small.nc", signal.SIGINT, "interrupted", marks=pytest.mark.release),
         ("small.toml", "fig07-small.nc", signal.SIGTERM, "terminated"),
         ("map.toml", "fig08-small.nc", signal.SIGINT, "interrupted"),
     ],
@@ -268,7 +268,12 @@ dimersweep.sweep({"beta0": [0.28, 0.3]}, periods=10**9, stop_when_settled=False,
 
 @pytest.mark.jit
 @pytest.mark.parametrize(
-    ("program", "code"), [(ENDLESS_COMMAND, 130), (ENDLESS_CALL, -signal.SIGINT), (ENDLESS_SWEEP, 1)]
+    ("program", "code"),
+    [
+        (ENDLESS_COMMAND, 130),
+        (ENDLESS_CALL, -signal.SIGINT),
+        pytest.param(ENDLESS_SWEEP, 1, marks=pytest.mark.release),
+    ],
 )
 def test_a_signal_ends_a_run_of_weeks(program, code):
     with subprocess.Popen(

@@ -100,7 +100,7 @@ def examples_of(path, parsers, **more):
 
 
 # blocks that fit for seconds: `fits.fit` and `fits.Likelihood` have shorter examples
-OF_RELEASE = ('"A_r": (5.8, 6.2)}', "emcee.EnsembleSampler")
+OF_RELEASE = ('"A_r": (5.8, 6.2)}', "emcee.EnsembleSampler", "LocalCluster(n_workers=2")
 WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding="utf-8")]
 
 

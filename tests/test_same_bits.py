@@ -120,12 +120,22 @@ def start(kind, out, workers):
     return subprocess.Popen(command, env=environment, cwd=out.parent)
 
 
-KILLS = [("sweep", 2), ("search", 1), ("map", 1), ("carry", 1), ("observed", 1)]
+KILLS = [("sweep", 2), ("map", 1)]
+MORE_KILLS = [
+    ("sweep", 3),
+    ("search", 1),
+    ("search", 2),
+    ("map", 2),
+    ("carry", 1),
+    ("carry", 2),
+    ("observed", 1),
+    ("observed", 2),
+]
 
 
 @pytest.mark.parametrize(
     ("kind", "kills"),
-    [*KILLS, *(pytest.param(kind, kills + 1, marks=pytest.mark.release) for kind, kills in KILLS)],
+    [*KILLS, *(pytest.param(*each, marks=pytest.mark.release) for each in MORE_KILLS)],
 )
 def test_kills_at_random_moments(others, tmp_path, kind, kills):
     out, chance = tmp_path / "cube.nc", random.Random(kills)

@@ -30,7 +30,7 @@ from dimersweep.symbols import PARAMETERS
 STATUS_LENGTH = 100  # greatest length of a status, in characters: it fits into one line of a table
 # greatest distance of a point of a curve from its guess, in units of the section: further off lies another motion
 REACH = 0.3
-SHORTEST = 1 / 32  # shortest step from one point of a curve to the next, as a share of the way
+LEAST_SHARE = 1 / 32  # shortest step from one point of a curve to the next, as a share of the way
 
 
 T = TypeVar("T")
@@ -188,7 +188,7 @@ class Curve(ABC):
             # several neighbours extrapolate over a whole step only: they are as far apart
             return [self._next(values, here if to == 1.0 else here[:1])]
 
-        return in_steps(step, list(takewhile(near[0].alike, near)), SHORTEST)[0]
+        return in_steps(step, list(takewhile(near[0].alike, near)), LEAST_SHARE)[0]
 
     def between(self, a: Found, b: Found, part: float) -> Found:
         """Return a neighbour of the point that lies a `part` of the way from `a` to `b`: by default `a`."""
