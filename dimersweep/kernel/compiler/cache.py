@@ -144,9 +144,11 @@ class _Kept:
         with suppress(Exception):  # of any kind: compiling anew mends it
             if code is not None:
                 from numba.core.compiler import CompileResult
+                from numba.core.runtime import rtsys
 
-                # without a refresh of the context, which takes as long as all else: what the code refers to, functions
-                # of Python, C and Numba itself, is there from the beginning
+                # for functions that allocate, which the kernel itself does not have. The rest of `context.refresh()` is
+                # for compiling, and takes as long as all else: other functions that code refers to are there already
+                rtsys.initialize(context)
                 found = CompileResult._rebuild(context, *pickle.loads(code))
                 ready.set()
                 return found
