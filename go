@@ -102,7 +102,7 @@ check_site() {
 
 # threads of the linear algebra would wait for one another over small matrices, for a third of some tests' processor time
 run_tests() {
-    step env OPENBLAS_NUM_THREADS=1 pytest -q -n 3 --dist loadfile --no-loadscope-reorder --durations=25 "$@"
+    step env OPENBLAS_NUM_THREADS=1 pytest -q -n 4 --dist loadfile --no-loadscope-reorder --durations=25 "$@"
 }
 
 # two processors: what needs one of them goes beside the rest; where tests wait, a third goes on
