@@ -105,7 +105,7 @@ run_tests() {
     step env OPENBLAS_NUM_THREADS=1 pytest -q -n 4 --dist loadfile --no-loadscope-reorder --durations=25 "$@"
 }
 
-# two processors: what needs one of them goes beside the rest; where tests wait, a third goes on
+# two processors: what needs one of them goes beside the rest; where tests wait, a third and a fourth go on
 run_checks() {
     make_scratch
     local failed=0 site="$1" quiet=--quiet # its pages in a log would be many lines
