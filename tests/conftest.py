@@ -19,9 +19,8 @@ from tests.seams import rows_made, use_kernel
 
 settings.register_profile("unhurried", deadline=None)  # a machine may be busy
 settings.load_profile("unhurried")
-gc.set_threshold(
-    50_000, 20, 100
-)  # thousands of tests are kept: to look through them for garbage takes a twentieth of all
+# thousands of tests are kept: to look through them for garbage takes a twentieth of all processor time
+gc.set_threshold(50_000, 20, 100)
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts its background jobs with Ctrl-C ignored
 
 

@@ -51,8 +51,7 @@ def changed(change, tmp_path):
 @needs_git
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.stem)
 def test_a_change_is_to_the_package_as_it_is(change, changed):
-    new = {path.relative_to(changed) for path in changed.rglob("*.py")}
-    assert touched(change.read_text(encoding="utf-8")) <= {str(path) for path in new}
+    assert all((changed / file).is_file() for file in touched(change.read_text(encoding="utf-8")))
 
 
 @pytest.mark.slow

@@ -213,7 +213,9 @@ class Classifier:
             periods = attractor.features.periods
             m, state = at_end(self.parameters(start), self.results["end"][start], periods, RTOL, self.recorder)
             orbit = orbit_through(*settled_on(m, state, periods))
-            fate = flows.setdefault(orbit.spin < 0, flow_of(orbit)).fate(orbit)
+            if (orbit.spin < 0) not in flows:
+                flows[orbit.spin < 0] = flow_of(orbit)
+            fate = flows[orbit.spin < 0].fate(orbit)
         except OrbitError:
             return None
         if isinstance(fate, str):
