@@ -958,6 +958,8 @@ def test_a_picture_is_drawn_where_it_is_wanted(kind, run):
     part, other = (whole := Figure((20, 7), layout="constrained")).subfigures(1, 2)
     assert picture_of(kind, run, ax=part, title="") is part
     assert not part.get_suptitle() and len(part.axes) == len(own.axes) and not other.axes
+    assert picture_of(kind, run, ax=other, title="mine") is other
+    assert other.get_suptitle() == "mine" and len(other.axes) == len(own.axes)
     drawn(whole, laid_out=False)
     left, right = (figure := Figure((12, 4), layout="constrained")).subplots(1, 2)
     if kind not in ONE_PANEL:
