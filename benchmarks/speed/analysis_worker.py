@@ -7,6 +7,7 @@ threads; imports, and what is made once in a process, are left out.
 import json
 import sys
 import warnings
+from dataclasses import replace
 from functools import cache
 from time import process_time
 
@@ -39,7 +40,8 @@ ASKED = {
     "border": lambda: orbits.border("fold", "Gamma", over={"e": [0.5, 0.55, 0.6, 0.65, 0.7]}, spin=100.0),
     "family": lambda: orbits.family(spin=(90.0, 120.0), points=20),
     "sustained": lambda: orbits.sustained(A_r=5, f=22, e=0.65, mu=0.1, mu_s=0.15, Gamma=0.9),
-    "later": lambda: orbits.later(orbit(), periods=10_000),
+    # another orbit each time: what is followed from one is kept
+    "later": lambda: orbits.later(replace(orbit()), periods=10_000),
     "attractors": lambda: attractors(RANGES, {"e": 0.8, "Gamma": 1.0}, starts=30, seed=1, periods=300, progress=False),
     "fit": lambda: fits.fit(track(), {"e": (0.58, 0.75), "spin": (100, 160)}, mu=0.3, mu_s=0.6),
 }

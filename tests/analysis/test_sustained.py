@@ -145,9 +145,11 @@ def test_an_infinite_time_leads_to_the_sustained_spin(chosen):
 
 def test_a_time_may_be_given_in_hours():
     orbit = orbits.find(spin=170.0, **CHOSEN)
-    after = orbits.later(orbit, periods=7200 * orbit.parameters["f"])
+    after, recorder = orbits.later(orbit, periods=7200 * orbit.parameters["f"]), orbit.fixed.map.recorder
+    followed = recorder.periods
     for seconds in ("2 h", "120 min", 7200, timedelta(hours=2)):
         assert orbits.later(orbit, seconds=seconds) == after
+    assert recorder.periods - followed < 0.2 * followed  # the family is followed once for all times
     for given in ({}, {"seconds": "2 h", "periods": 10}):
         with pytest.raises(ParameterError, match=r"^periods: give either periods or seconds, such as seconds='3 h'$"):
             orbits.later(orbit, **given)

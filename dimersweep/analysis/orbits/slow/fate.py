@@ -1,6 +1,8 @@
 """The motion after any time: its spin drifts along the slow family, to a sustained spin or over an end of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
+from itertools import count
 from math import isnan
 from typing import Any, NamedTuple
 
@@ -11,7 +13,7 @@ from scipy.interpolate import CubicSpline
 from dimersweep.analysis.orbits.map.lost import OrbitLost, attempt
 from dimersweep.analysis.orbits.map.orbit import PeriodicOrbit, circle_of
 from dimersweep.analysis.orbits.slow.sheets import Sheet, Standing, Stretch, drifted, stretch_of
-from dimersweep.analysis.orbits.slow.slow_flow import flow_of
+from dimersweep.analysis.orbits.slow.slow_flow import DriftLeg, SlowFlow, flow_of
 from dimersweep.errors import ParameterError
 from dimersweep.inputs import as_number
 
@@ -161,14 +163,14 @@ def _within_family(stretches: list[Stretch], spin: float, periods: float) -> flo
 
 def _after(orbit: PeriodicOrbit, periods: float) -> Later:
     """Return the motion some forcing periods after it was on an orbit."""
-    flow = flow_of(orbit, whole=periods < 0)
     if periods < 0 and orbit.spin_drift:
+        flow = flow_of(orbit, whole=True)
         sheet = flow.sheets[flow.sheet_of(orbit)]
         return _at(sheet, _within_family(sheet.stretches, orbit.spin, periods))
     left, begin = periods, orbit
     leaps: list[Leap] = []
     seen: dict[int, float] = {}  # periods left when the motion first came to each arrival, by its identity
-    way = flow.way(orbit)
+    way = _way(orbit)
     while True:
         try:
             leg = next(way)
@@ -197,6 +199,23 @@ def _after(orbit: PeriodicOrbit, periods: float) -> Later:
         else:
             left %= seen[number] - left  # whole rounds of the cycle are left out
         seen.setdefault(number, left)
+
+
+@lru_cache(maxsize=8)  # of an orbit one asks for the motion at many times, or of a few orbits in turn
+def _followed(orbit: PeriodicOrbit) -> tuple[SlowFlow, list[DriftLeg]]:
+    """Return the slow flow of an orbit and the drifts that have been followed from it, none at first."""
+    return flow_of(orbit), []
+
+
+def _way(orbit: PeriodicOrbit) -> Iterator[DriftLeg]:
+    """Yield the drifts from an orbit on as `SlowFlow.way` does; each is followed once for all times that are asked for."""
+    flow, legs = _followed(orbit)
+    for k in count():
+        if k == len(legs):
+            begin = legs[-1].then if legs else orbit
+            assert isinstance(begin, PeriodicOrbit)  # else nobody asks for a drift from there
+            legs.append(flow.leg(begin))
+        yield legs[k]
 
 
 def _at(sheet: Sheet, spin: float, leaps: Sequence[Leap] = ()) -> Later:
