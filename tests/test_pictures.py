@@ -73,10 +73,11 @@ def legend_of(figure):
 
 
 def drawn(figure, *, laid_out=True):
-    """A figure that can be drawn, at little cost; its layout takes twice as long as all else."""
-    figure.set_dpi(20)
+    """A figure that can be drawn, at little cost: a layout takes twice as long as all else, the lines of a heading half."""
     if not laid_out:
         figure.set_layout_engine("none")
+    for text in figure.findobj(Text):
+        text.set_wrap(False)
     figure.draw_without_rendering()
     return figure
 
@@ -809,8 +810,7 @@ def picture_of(kind, run, **look):
     if kind == "ways":
         both = [cube_of([D, D, D], {"Gamma": [0.8, 0.9, 1.1]}, zeta=[1.0, 2, k]) for k in (3, 4)]
         return draw(xr.concat(both, dim="direction").assign_coords(direction=[0, 1]), quantity="zeta", **look)
-    cube = cubes_of_each_kind()[kind]
-    return draw(cube, kind, **look)
+    return draw(CUBES[kind](), kind, **look)
 
 
 KINDS = (
@@ -864,7 +864,11 @@ def test_words_are_as_large_as_the_style_says():
     sizes = []
     for size in (6, 12):
         with rc_context({"font.size": size}):
-            sizes.append(np.unique([text.get_fontsize() for text in drawn(picture_of("mode_map", None)).findobj(Text)]))
+            sizes.append(
+                np.unique(
+                    [text.get_fontsize() for text in drawn(picture_of("mode_map", None), laid_out=False).findobj(Text)]
+                )
+            )
     assert sizes[0].size > 1 and np.allclose(2 * sizes[0], sizes[1])
 
 
@@ -920,7 +924,8 @@ OF_RELEASE = [name if name == "dark_background" else pytest.param(name, marks=py
 @pytest.mark.parametrize("kind", KINDS)
 def test_lines_and_words_are_seen_on_the_ground_of_each_style(kind, name, run):
     with in_style.context(name):
-        figure = drawn(picture_of(kind, run))
+        figure = picture_of(kind, run)
+        drawn(figure, laid_out=bool(figure.legends))
         for axes in figure.axes:
             for line in axes.lines:
                 for color in (line.get_color(), line.get_markeredgecolor()) if line.get_alpha() is None else ():
@@ -933,7 +938,7 @@ def test_lines_and_words_are_seen_on_the_ground_of_each_style(kind, name, run):
 
 
 # pictures share what writes them: here are words, numbers of all signs and formulas
-WRITTEN = ("run",)
+WRITTEN = ("walks",)
 
 
 @pytest.mark.jit
@@ -942,8 +947,8 @@ WRITTEN = ("run",)
 )
 def test_files_have_fonts(kind, run, tmp_path):
     figure = picture_of(kind, run)
+    figure.set_layout_engine("none")
     figure.savefig(tmp_path / "a.pdf")
-    figure.set_layout_engine("none")  # all has its place
     write_picture(figure, tmp_path / "a.svg")
     told = (tmp_path / "a.pdf").read_bytes()
     assert b"/CIDFontType2" in told and b"/Type3" not in told
@@ -958,9 +963,9 @@ def test_a_picture_is_drawn_where_it_is_wanted(kind, run):
     part, other = (whole := Figure((20, 7), layout="constrained")).subfigures(1, 2)
     assert picture_of(kind, run, ax=part, title="") is part
     assert not part.get_suptitle() and len(part.axes) == len(own.axes) and not other.axes
+    drawn(whole, laid_out=False)
     assert picture_of(kind, run, ax=other, title="mine") is other
     assert other.get_suptitle() == "mine" and len(other.axes) == len(own.axes)
-    drawn(whole, laid_out=False)
     left, right = (figure := Figure((12, 4), layout="constrained")).subplots(1, 2)
     if kind not in ONE_PANEL:
         with pytest.raises(
@@ -996,23 +1001,21 @@ def test_no_arrow_is_cut(run):
 
 
 # --- next to nothing --------------------------------------------------------------------------------------------------
-def cubes_of_each_kind():
-    cube, _ = laws()
-    speeds = np.linspace(1, 7, 25)
-    mus = {"A_r": [5, 6], "mu": [0.1, 0.3], "mu_s": [0.4, 0.5, 0.7]}
-    return {
-        "mode_map": cube_of([[R, D, D], [D, R, R]], {"f": [15, 20], "e": [0.4, 0.5, 0.7]}),
-        "segments": cube_of([[R, D, D], [D, R, R]], {"f": [15, 20], "beta0": [0.1, 0.2, 0.4]}),
-        "trends": cube,
-        "minimum": cube_of(np.full((2, 25), D), {"A_r": [5, 6], "xdot0": speeds}, period=np.full((2, 25), 2.0)),
-        "impact_ends": cube_of(np.full((2, 2, 3), D), mus),
-        "paths": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})),
-        "walks": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})),
-        "planar": with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})).assign(axial_velocity=("f", [1.0, 2, 3])),
-        "bifurcation": strobed(cube_of([R, D, D], {"Gamma": [0.8, 0.9, 1.1]})),
-        "circles": with_circles(cube_of([[D, D], [D, R]], {"e": [0.6, 0.65], "Gamma": [0.8, 0.9]})),
-        "regions": region_map()[1],
-    }
+CUBES = {
+    "mode_map": lambda: cube_of([[R, D, D], [D, R, R]], {"f": [15, 20], "e": [0.4, 0.5, 0.7]}),
+    "segments": lambda: cube_of([[R, D, D], [D, R, R]], {"f": [15, 20], "beta0": [0.1, 0.2, 0.4]}),
+    "trends": lambda: laws()[0],
+    "minimum": lambda: cube_of(
+        np.full((2, 25), D), {"A_r": [5, 6], "xdot0": np.linspace(1, 7, 25)}, period=np.full((2, 25), 2.0)
+    ),
+    "impact_ends": lambda: cube_of(np.full((2, 2, 3), D), {"A_r": [5, 6], "mu": [0.1, 0.3], "mu_s": [0.4, 0.5, 0.7]}),
+    "paths": lambda: with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})),
+    "walks": lambda: with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})),
+    "planar": lambda: with_paths(cube_of([D, D, D], {"f": [15, 20, 25]})).assign(axial_velocity=("f", [1.0, 2, 3])),
+    "bifurcation": lambda: strobed(cube_of([R, D, D], {"Gamma": [0.8, 0.9, 1.1]})),
+    "circles": lambda: with_circles(cube_of([[D, D], [D, R]], {"e": [0.6, 0.65], "Gamma": [0.8, 0.9]})),
+    "regions": lambda: region_map()[1],
+}
 
 
 def with_values(cube, mode, value):
@@ -1025,21 +1028,22 @@ def with_values(cube, mode, value):
     return made
 
 
-@pytest.mark.parametrize("kind", [*cubes_of_each_kind(), "quantity"])
+@pytest.mark.parametrize("kind", [*CUBES, "quantity"])
 def test_a_picture_of_next_to_nothing_is_drawn_or_refused_in_a_line(kind):
-    cube = cubes_of_each_kind()["mode_map" if kind == "quantity" else kind]
-    parts = [cube.isel({dim: slice(0, 1) for dim in cube["mode"].dims})]
-    parts += [cube.isel({dim: slice(0, n)}) for dim in cube["mode"].dims for n in (0, 1) if n < cube.sizes[dim]]
-    parts += [cube.isel(dict.fromkeys(cube["mode"].dims, 0))]
+    cube = CUBES["mode_map" if kind == "quantity" else kind]()
+    dims = cube["mode"].dims
+    parts = [cube.isel({dim: slice(0, 1) for dim in dims})] if len(dims) > 1 else []
+    parts += [cube.isel({dim: slice(0, n)}) for dim in dims for n in (0, 1)]
+    parts += [cube.isel(dict.fromkeys(dims, 0))]
     # what does not drift has no values
     parts += [with_values(cube, *each) for each in ((D, np.nan), (D, 2.0), (R, np.nan), (M_NOT_RUN, np.nan))]
     made = 0
-    two = [cube.isel({dim: slice(0, 2)}) for dim in cube["mode"].dims if cube.sizes[dim] > 2]  # axes as those of three
+    two = [cube.isel({dim: slice(0, 2)}) for dim in dims if cube.sizes[dim] > 2]  # axes as those of three
     for k, part in enumerate([*parts, *two]):
         try:
             figure = draw(part, quantity="radius") if kind == "quantity" else draw(part, kind)
             if k < len(parts):
-                drawn(figure, laid_out=k in (0, len(parts) - 1))  # one point, and not one
+                drawn(figure, laid_out=made == 0)
             made += 1
         except ParameterError as error:
             assert "\n" not in str(error)
@@ -1058,7 +1062,7 @@ def test_points_that_are_all_alike_or_few_are_drawn_or_refused():
                 draw(cube, quantity=quantity)
     two = built(make_points({"f": [15, 15, 20], "e": [0.6, 0.6, 0.6]}), [D, D, D])
     for quantity in (None, "radius"):
-        (dots,) = drawn(draw(two, quantity=quantity)).axes[0].collections
+        (dots,) = drawn(draw(two, quantity=quantity), laid_out=False).axes[0].collections
         assert len(dots.get_offsets()) == 3
 
 
@@ -1083,13 +1087,14 @@ def test_branches_curves_and_families_of_next_to_nothing_are_drawn():
     spin = np.array([90.0, 100])
     for values in ([[np.nan, np.nan]], [[5.0, np.nan]], [[5.0, 5.0]]):
         columns = {name: (("over", "spin"), np.array(values)) for name in ("radius", "period", "zeta", "spin_drift")}
-        drawn(draw_borders(xr.Dataset(columns, {"spin": spin, "A_r": ("over", [6.0])}, {"what": "families"})))
+        table = xr.Dataset(columns, {"spin": spin, "A_r": ("over", [6.0])}, {"what": "families"})
+        drawn(draw_borders(table), laid_out=values == [[5.0, 5.0]])
 
 
 @pytest.mark.parametrize("share", [[1.0], [0.0, 0.0], [np.nan, np.nan]])
 def test_attractors_of_next_to_nothing_are_drawn(share):
     drawn(attractors(shares_of(share)))
-    drawn(attractors(shares_of([share], Gamma=[0.9])))
+    drawn(attractors(shares_of([share], Gamma=[0.9])), laid_out=False)
     drawn(attractors(shares_of([share, share], Gamma=[0.9, 1.0])))
 
 
@@ -1110,7 +1115,7 @@ def test_a_fit_that_is_exact_or_open_is_drawn(covariance):
 )
 def test_a_run_of_next_to_nothing_is_drawn(scene, tmp_path):
     run = dimersweep.simulate(periods=1, **scene)
-    drawn(run_figure(run))
+    drawn(run_figure(run), laid_out=scene["Gamma"] == 0)
     axes = Figure().subplots()
     energy_budget(axes, run)
     orbit(Figure().subplots(), run)
