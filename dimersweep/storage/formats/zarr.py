@@ -22,8 +22,6 @@ from dimersweep.storage.formats.format import Format, as_made, range_of
 from dimersweep.storage.provenance import CHECKSUM
 
 WRITERS = 4  # most threads that write: with more the disk is the limit
-
-
 OLDEST_ZARR = (3, 1)  # oldest allowed version of zarr: earlier ones may run code that a store brings along
 
 
@@ -122,10 +120,12 @@ def _template(grid: Grid, small: xr.Dataset) -> xr.Dataset:
     for variable in coordinates.values():
         variable.attrs["actual_range"] = range_of(variable.values).tolist()
         variable.encoding = {"_FillValue": None} | (summed if variable.dims else {})
+    kinds = {variable.dtype for variable in small.data_vars.values()}
+    zeros = {kind: dask.array.zeros(grid.shape, dtype=kind, chunks=chunks) for kind in kinds}
     lazy = {
         name: xr.Variable(
             variable.dims,
-            dask.array.zeros(grid.shape, dtype=variable.dtype, chunks=chunks),
+            zeros[variable.dtype],
             variable.attrs,
             {"_FillValue": variable.encoding["_FillValue"], "chunks": chunks, **summed},
         )
