@@ -192,7 +192,10 @@ def test_a_seed_gives_the_same_starts_and_numbers_whatever_the_threads(base):
 
 
 def test_at_one_set_of_parameters_five_attractors_are_told_apart_and_stay():
-    found = attractors(MANY, {"e": 0.8, "Gamma": 1.0}, starts=40, seed=2, periods=1000, confirm=2000, progress=False)
+    drawn = drawn_starts(MANY, None, None, 40, 2)
+    # one start for each attractor
+    each = {name: column[[0, 1, 2, 13, 14, 20, 33, 37]] for name, column in drawn.items()}
+    found = attractors(points=each, fixed={"e": 0.8, "Gamma": 1.0}, periods=1000, confirm=2000, progress=False)
     kept = found.sel(attractor=found["confirmed"] & (found["periods"] > 0))
     assert kept.sizes["attractor"] >= 5
     assert {1, 2, 3} <= set(kept["periods"].values.tolist())
