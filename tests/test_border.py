@@ -75,7 +75,7 @@ for call in (
 def engine(tmp_path_factory):
     """A folder with the package as it is without `dimersweep.analysis`."""
     folder = tmp_path_factory.mktemp("engine")
-    shutil.copytree(PACKAGE, folder / "dimersweep", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(PACKAGE, folder / "dimersweep")
     shutil.rmtree(folder / "dimersweep/analysis")
     for door in DOORS:
         (folder / "dimersweep" / door).unlink()

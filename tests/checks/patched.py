@@ -31,7 +31,7 @@ def run_copy(folder: Path, script: Path | str, settings: Mapping[str, str] = UNC
 
 def copy_to(folder: Path) -> None:
     """A copy of the package in a folder."""
-    shutil.copytree(PACKAGE, folder / "dimersweep", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(PACKAGE, folder / "dimersweep")
 
 
 def run_patched(folder: Path, changes: Iterable[tuple[str, str, str]], run: str, told: str) -> str:
