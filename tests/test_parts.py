@@ -63,8 +63,10 @@ WAYS = {
     "a grid": (GRID, {}),
     "points": (None, {"points": POINTS}),
     "a state that is carried": ({"e": [0.5, 0.55, 0.6], "Gamma": [0.8, 0.9, 1.0]}, {"carry": "both"}),
-    "all that can be asked": (GRID, {"certify": True, "strobes": 3, "max_periods": 40, "rtol": 1e-6}),
-    "an observer": (GRID, {"observe": spectral}),
+    "all that can be asked": (
+        GRID,
+        {"certify": True, "strobes": 3, "max_periods": 40, "rtol": 1e-6, "observe": spectral},
+    ),
 }
 
 
