@@ -33,16 +33,32 @@ def chromium():
 
 @contextmanager
 def chromium_page(browser, *, offline, width=1100, height=800):
-    """A page and the list of its errors: those of its scripts, of its console, and requests that failed."""
+    """A page and the list of its errors."""
     context = browser.new_context(viewport={"width": width, "height": height}, offline=offline)
-    page, errors = context.new_page(), []
-    page.on("pageerror", lambda error: errors.append(f"script: {error}"))
-    page.on("console", lambda line: errors.append(f"console: {line.text}") if line.type == "error" else None)
-    page.on("requestfailed", lambda request: errors.append(f"request: {request.url}"))
     try:
-        yield page, errors
+        page = context.new_page()
+        with watched(page) as errors:
+            yield page, errors
     finally:
         context.close()
+
+
+@contextmanager
+def watched(page):
+    """The list of a page's errors: those of its scripts, of its console, and requests that failed."""
+    errors = []
+    listeners = {
+        "pageerror": lambda error: errors.append(f"script: {error}"),
+        "console": lambda line: errors.append(f"console: {line.text}") if line.type == "error" else None,
+        "requestfailed": lambda request: errors.append(f"request: {request.url}"),
+    }
+    for event, listener in listeners.items():
+        page.on(event, listener)
+    try:
+        yield errors
+    finally:
+        for event, listener in listeners.items():
+            page.remove_listener(event, listener)
 
 
 def colors_of(picture):

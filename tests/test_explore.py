@@ -24,7 +24,7 @@ from dimersweep.exploring.serving import USUAL_PORT, Explorer
 from dimersweep.parameters import Parameters, completed
 from dimersweep.plots.style import MODE_COLORS
 from dimersweep.symbols import MODE_MEANINGS, is_angle, stated
-from tests.browser import chromium_page, colors_of, needs_chromium
+from tests.browser import chromium_page, colors_of, needs_chromium, watched
 
 pytestmark = pytest.mark.jit
 DEG = np.pi / 180
@@ -448,16 +448,41 @@ def picture(page, name):
         page.screenshot(path=f"{os.environ['DIMERSWEEP_SCREENSHOTS']}/{name}.png")
 
 
-@contextmanager
-def opened(browser, cube=None, width=1280, height=860):
-    """A page that has drawn its first run; it must leave no error behind."""
-    with served(cube) as address, chromium_page(browser, offline=False, width=width, height=height) as (page, errors):
+@pytest.fixture(scope="module")
+def window(browser):
+    """A page for several tests: one of its own would take each half a second more of processor time."""
+    with chromium_page(browser, offline=False) as (page, _):
         page.context.grant_permissions(["clipboard-read", "clipboard-write"])
-        page.on("request", lambda request: errors.append(request.url) if address not in request.url else None)
-        page.goto(address)
-        page.wait_for_function("document.body.dataset.drawn >= 1", timeout=90_000)
         yield page
-        assert [each for each in errors if "blob:" not in each] == []
+
+
+@contextmanager
+def opened(window, cube=None, width=1280, height=860, *, plays=False):
+    """The page when it has drawn its first run; it must leave no error behind.
+
+    Unless it `plays`, its dimer stands still, as for a reader who asks for that: to draw sixty frames a second takes half
+    of the processor time of a browser.
+    """
+
+    def listen(request):
+        if address not in request.url:
+            errors.append(request.url)
+
+    with served(cube) as address, watched(window) as errors:
+        window.set_viewport_size({"width": width, "height": height})
+        window.emulate_media(color_scheme="light", reduced_motion="no-preference" if plays else "reduce")
+        window.mouse.move(0, 0)
+        window.on("request", listen)
+        try:
+            window.goto(address)
+            window.wait_for_function("document.body.dataset.drawn >= 1", timeout=90_000)
+            yield window
+            assert [each for each in errors if "blob:" not in each] == []
+        finally:
+            window.remove_listener("request", listen)
+            for page in window.context.pages[1:]:
+                page.close()
+            window.goto("about:blank")
 
 
 def drawn(page, do):
@@ -482,8 +507,8 @@ SLIDE = """async (value) => {
 
 
 @needs_chromium
-def test_a_slider_changes_the_picture_at_once(browser):
-    with opened(browser) as page:
+def test_a_slider_changes_the_picture_at_once(window):
+    with opened(window) as page:
         seconds = [page.evaluate(SLIDE, 0.8 + 0.02 * k) for k in range(20)]
         print(f"\nfrom a slider to its picture: median {np.median(seconds):.3f} s, at most {max(seconds):.3f} s")
         assert "Γ = 1.18" in told(page, "conditions").replace("\xa0", " ")
@@ -491,8 +516,8 @@ def test_a_slider_changes_the_picture_at_once(browser):
 
 
 @needs_chromium
-def test_a_dimer_is_played_with(browser):
-    with opened(browser) as page:
+def test_a_dimer_is_played_with(window):
+    with opened(window, plays=True) as page:
         assert told(page) == "drift" and MODE_MEANINGS["drift"] in told(page, "says")
         assert page.locator("#play").inner_text() == "pause"  # it plays by itself
         first = page.locator("#now").inner_text()
@@ -538,8 +563,8 @@ def faults(page):
 
 
 @needs_chromium
-def test_each_field_at_fault_is_marked_and_the_others_stay(browser):
-    with opened(browser) as page:
+def test_each_field_at_fault_is_marked_and_the_others_stay(window):
+    with opened(window) as page:
         before = page.locator(".numbers").inner_text()
         page.locator("#of-e").fill("half")
         page.locator("#of-f").fill("15 m")
@@ -575,9 +600,9 @@ def test_each_field_at_fault_is_marked_and_the_others_stay(browser):
 
 
 @needs_chromium
-def test_an_emptied_field_says_its_default_and_has_it(browser):
+def test_an_emptied_field_says_its_default_and_has_it(window):
     """Sliders go along, and the fields in whose place another one is given."""
-    with opened(browser) as page:
+    with opened(window) as page:
         field, slider = page.locator("#of-Gamma"), page.locator("#slide-Gamma")
         drawn(page, lambda: field.fill("1.2"))
         drawn(page, lambda: field.fill(""))
@@ -660,8 +685,8 @@ def test_no_state_shows_a_number_that_is_none(browser):
 
 
 @needs_chromium
-def test_links_are_links_and_the_way_back_is_kept(browser, cube):
-    with opened(browser, cube) as page:
+def test_links_are_links_and_the_way_back_is_kept(window, cube):
+    with opened(window, cube) as page:
         drawn(page, lambda: page.locator("#of-f").fill("900 rpm"))
         drawn(page, lambda: page.locator("#of-e").fill("0.5"))
         page.locator("#of-mu").press("End")
@@ -722,8 +747,8 @@ def test_a_page_says_that_it_waits_and_that_nobody_answers(browser):
 
 
 @needs_chromium
-def test_a_map_is_clicked_compared_linked_copied_and_saved(browser, cube, tmp_path):
-    with opened(browser, cube) as page:
+def test_a_map_is_clicked_compared_linked_copied_and_saved(window, cube, tmp_path):
+    with opened(window, cube) as page:
         box = page.locator(".marks").bounding_box()
 
         def click(right, up):
@@ -784,10 +809,10 @@ RINGS = """() => {
 
 
 @needs_chromium
-def test_a_run_has_a_ring_on_the_map_where_it_lies_on_it(browser):
+def test_a_run_has_a_ring_on_the_map_where_it_lies_on_it(window):
     """The map is of another dimer than the base case, and of Gamma from 0.8 to 0.9."""
     other = dimersweep.sweep({"Gamma": [0.8, 0.9], "beta0": [0.2, 0.3]}, {"e": 0.65}, periods=60, progress=False)
-    with opened(browser, other) as page:
+    with opened(window, other) as page:
         page.locator("#key i").first.wait_for()
         assert not page.evaluate(RINGS)
         drawn(page, lambda: page.locator("#of-e").fill("0.65"))
@@ -798,8 +823,8 @@ def test_a_run_has_a_ring_on_the_map_where_it_lies_on_it(browser):
 
 
 @needs_chromium
-def test_the_page_fits_a_telephone_and_goes_dark(browser, cube):
-    with opened(browser, cube, width=390, height=844) as page:
+def test_the_page_fits_a_telephone_and_goes_dark(window, cube):
+    with opened(window, cube, width=390, height=844) as page:
         assert page.evaluate("document.documentElement.scrollWidth") == 390
         for name in (".side", "#slide-Gamma", ".map", "footer"):
             page.locator(name).scroll_into_view_if_needed()
@@ -821,12 +846,12 @@ MARKUP = '<img src=x onerror="window.hit=1"><script>window.hit=1</script> *a* [b
 
 
 @needs_chromium
-def test_markup_in_a_cube_is_shown_as_it_is_written(browser, cube):
+def test_markup_in_a_cube_is_shown_as_it_is_written(window, cube):
     word, name = MARKUP.replace(" ", "/"), "v" + MARKUP.replace("/", "")
     held = cube.copy()
     held["mode"] = cube["mode"].assign_attrs(flag_meanings=" ".join([word] * len(cube["mode"].attrs["flag_values"])))
     held[name] = held["radius"]
-    with opened(browser, held.assign_attrs(title=MARKUP)) as page:
+    with opened(window, held.assign_attrs(title=MARKUP)) as page:
         assert page.locator("h1").inner_text() == MARKUP
         page.locator("#key i").first.wait_for()  # the map is drawn
         page.locator(".marks").hover()
