@@ -10,7 +10,7 @@ from dimersweep.studies.declared import read_declaration
 from dimersweep.studies.search import search
 from tests.own_observers import spectral
 
-GRID = {"Gamma": [0.5, 0.9, 1.2], "beta0": {"start": 0.2, "stop": 80, "num": 110, "unit": "deg"}}
+GRID = {"Gamma": [0.5, 0.9, 1.2], "beta0": {"start": 0.2, "stop": 80, "num": 60, "unit": "deg"}}
 SETTINGS = {"fixed": {"mu": 0.15}, "periods": 50}
 SEARCHED = {"Gamma": [0.5, 0.7, 0.8, 0.9, 1.0, 1.2], "f": [15, 20, 25, 30], "beta0": [0.1, 0.3, 0.5, 0.7, 0.9]}
 SEARCH = {"over": "beta0", "periods": 60, "orbit_periods": 30, "paths": {"periods": 10, "per_period": 4}}
