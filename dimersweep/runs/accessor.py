@@ -14,7 +14,6 @@ from dimersweep.errors import ParameterError, unknown
 from dimersweep.extensions import ATTRACTORS, ORBITS_CODE, TABLE_PICTURES, load
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version
-from dimersweep.kernel.model.layout import M_DRIFT
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.point_source import TAKE_WHOLE, source_of
 from dimersweep.runs.run import Run
@@ -135,7 +134,7 @@ class DatasetAccessor:
 
     def drifts(self) -> xr.DataArray:
         """Return a mask of the points that drift, bool, over the axes of the cube."""
-        return (self._cube["mode"] == M_DRIFT).drop_attrs().rename("drifts")
+        return (self.modes() == "drift").rename("drifts")
 
     def modes(self) -> xr.DataArray:
         """Return the words of the modes, over the axes of the cube."""
