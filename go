@@ -31,9 +31,15 @@ set_up() {
         "$python" -m venv "$venv"
     fi
     if [ pyproject.toml -nt "$stamp" ]; then
-        echo "go: installing into $venv (about a minute)" >&2
+        echo "go: installing into $venv (half a minute)" >&2
         # what is imported is compiled then, which is a fourth of it
-        "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile --editable "$1"
+        local pip=("$venv/bin/python" -m pip install --quiet --disable-pip-version-check --no-compile)
+        # uv takes a third of pip's time, but does not read pip's settings
+        if ! { "${pip[@]}" --only-binary uv uv &&
+            "$venv/bin/uv" pip install --quiet --python "$venv/bin/python" --editable "$1"; }; then
+            echo "go: uv cannot install it here; pip tries" >&2
+            "${pip[@]}" --editable "$1"
+        fi
         touch "$stamp"
     fi
     PATH="$(cd "$venv/bin" && pwd):$PATH"
