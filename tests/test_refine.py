@@ -22,7 +22,7 @@ COARSE = {
     "beta0": {"start": 0.05, "stop": 1.0, "num": 20},
 }
 FINE = {"e": 2, "Gamma": 6}
-SETTINGS = {"over": "beta0", "halvings": {"e": 2, "Gamma": 5}, "periods": 5, "progress": False}
+SETTINGS = {"over": "beta0", "halvings": {"e": 2, "Gamma": 4}, "periods": 5, "progress": False}
 
 
 @pytest.fixture
