@@ -128,20 +128,22 @@ def _rendered(run: SeenRun, playback: Playback, dpi: int) -> Iterator[np.ndarray
     canvas = FigureCanvasAgg(figure)
     side, above = figure.subplots(1, 2, width_ratios=(1.25, 1))
     updates = _side_view(side, shown), _view_from_above(above, shown)
-    words = run.conditions(tex=True)
-    heading = entitle(figure, f" \n{words}")
-    for artist in (heading, *updates[0](0), *updates[1](0)):
+    heading = entitle(figure, f" \n{run.conditions(tex=True)}")  # the first line is that of each frame
+    line = figure.text(
+        0.5, 1.0, "", fontsize=heading.get_fontsize(), horizontalalignment="center", verticalalignment="top"
+    )
+    for artist in (line, *updates[0](0), *updates[1](0)):
         artist.set_animated(True)
     canvas.draw()
+    line.set_position(heading.get_position())
     still = canvas.copy_from_bbox(figure.bbox)
     for k, cycles in enumerate(shown.cycles):
-        now = f"{run.mode}, forcing period {int(cycles)}, {360 * (cycles % 1):3.0f}° of the plate"
-        heading.set_text(f"{now}\n{words}")
+        line.set_text(f"{run.mode}, forcing period {int(cycles)}, {360 * (cycles % 1):3.0f}° of the plate")
         canvas.restore_region(still)
         for axes, update in zip((side, above), updates, strict=True):
             for artist in update(k):
                 axes.draw_artist(artist)
-        figure.draw_artist(heading)
+        figure.draw_artist(line)
         yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
