@@ -148,7 +148,7 @@ def test_stored_impacts(k):
 @pytest.mark.parametrize("name", ["base", "strong shaking"])
 def test_stored_run(name):
     case = next(c for c in SMALL["cases"] if c["name"] == name)
-    stored = np.array(case["samples"])[:3]
+    stored = np.array(case["samples"])[:2]
     out = simulate(case["params"], stored[:, 0], rtol=1e-8, v_rest=1e-8)
     assert out["status"] == "done"
     assert np.abs(out["samples"] - stored)[:, 1:].T / np.array(SMALL["scale"])[:, None] == pytest.approx(0, abs=1e-6)

@@ -96,7 +96,7 @@ def test_threads_and_tilings_change_nothing(fake_kernel, monkeypatch, workers, l
     xr.testing.assert_equal(quiet_search(workers=workers), reference)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(seed, marks=pytest.mark.release) for seed in (2, 3))])
 def test_what_was_known_before_changes_nothing(fake_kernel, tmp_path, seed):
     out = tmp_path / "cube.nc"
     reference = quiet_search(out=out, keep_tiles=True)
@@ -184,8 +184,15 @@ def test_a_search_made_otherwise_is_not_extended(fake_kernel, tmp_path, settings
         quiet_search(extend=tmp_path / "old.nc", **settings)
 
 
-@pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question["ask"])
-@pytest.mark.parametrize("stopped", [False, True])
+@pytest.mark.parametrize(
+    ("question", "stopped"),
+    [
+        *((question, False) for question in QUESTIONS),
+        (QUESTIONS[0], True),
+        *(pytest.param(question, True, marks=pytest.mark.release) for question in QUESTIONS[1:]),
+    ],
+    ids=lambda given: given["ask"] if isinstance(given, dict) else str(given),
+)
 def test_a_retry_gives_the_bits_of_a_search_without_failures(fake_kernel, monkeypatch, tmp_path, question, stopped):
     out, reference = tmp_path / "cube.nc", quiet_search(**question)
     with monkeypatch.context() as patch:

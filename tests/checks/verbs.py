@@ -160,10 +160,14 @@ def contact_mode(dm, closed_1, closed_2, phase, y, modes, slip_tol, event, dy, F
 
 
 @exported
-def sustain_contact(dm, modes, y, at, span, tol, slip_tol, work, path=True):
-    """Contact phase."""
+def sustained(dm, modes, y, at, span, tol, slip_tol, work, path):
     c = forces.Contact(modes, at, y, y, y, slip_tol)
     return phase.sustain_contact(dm, c, span, span, path, tol, work)
+
+
+def sustain_contact(dm, modes, y, at, span, tol, slip_tol, work, path=True):
+    """Contact phase; with a default of its own the compiled function would be compiled for it, too."""
+    return sustained(dm, modes, y, at, span, tol, slip_tol, work, path)
 
 
 @exported

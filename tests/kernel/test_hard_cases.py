@@ -259,7 +259,7 @@ FALLING = {"f": 15.0, "Gamma": 0.0, "mu": 0.1, "mu_s": 0.1, "beta0": 1.2, "A_r":
 def falling():
     """The slow program's states of a rod that falls over on a dead plate, planar."""
     times = np.linspace(0.01, 0.2, 20)
-    return times, oracle.simulate(FALLING, times, rtol=1e-11, v_rest=1e-11)["samples"][:, 1:]
+    return times, oracle.simulate(FALLING, times, rtol=1e-9, v_rest=1e-9)["samples"][:, 1:]
 
 
 @accuracies
