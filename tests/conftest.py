@@ -72,6 +72,12 @@ def empty_folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture
+def coarse_pictures(monkeypatch):
+    """Write pictures of few pixels, at which nobody looks."""
+    monkeypatch.setattr("dimersweep.plots.style.DPI", 40)
+
+
 @pytest.fixture(scope="module")
 def browser():
     """A Chromium for the tests of a module: its start takes a second of processor time."""

@@ -32,7 +32,7 @@ SMALL = (ROOT / "sweeps" / "fig07-small.toml").read_text()
 
 
 @pytest.fixture(autouse=True)
-def in_an_empty_folder(empty_folder):
+def in_an_empty_folder(empty_folder, coarse_pictures):
     Path("small.toml").write_text(SMALL)
 
 
@@ -475,13 +475,11 @@ def test_two_sweeps_do_not_share_a_store_and_status_names_the_holder(call, done,
         process.kill()
         process.wait()
     assert "at work: nobody; run the same sweep again to go on" in call("status", "fig07-small.nc")[0]
-    done("run", "small.toml")
+    done("run", "small.toml", "--no-plot")
 
 
-def test_another_configuration_is_refused_with_what_differs(call, fake_kernel):
-    with slow_sweep() as process:
-        process.send_signal(signal.SIGINT)
-        process.communicate(timeout=60)
+def test_another_configuration_is_refused_with_what_differs(call, fake_kernel, interrupted_in):
+    interrupted_in("dimersweep.studies.making.write_cube", "run", "small.toml")
     _, err, code = call("run", "small.toml", "--periods", "300", "--rtol", "1e-6")
     assert code == 2
     assert err.splitlines() == [
@@ -490,7 +488,7 @@ def test_another_configuration_is_refused_with_what_differs(call, fake_kernel):
         "  periods: 200 -> 300",
         "  rtol: 1e-08 -> 1e-06",
     ]
-    _, err, code = call("run", "small.toml", "--periods", "300", "--force")
+    _, err, code = call("run", "small.toml", "--periods", "300", "--force", "--no-plot")
     assert (code, "going on" in err) == (0, False)
     assert json.loads(dimersweep.open_cube("fig07-small.nc").attrs["configuration"])["periods"] == 300
 
@@ -634,7 +632,7 @@ def test_a_cube_is_made_again_from_what_it_tells(done, refused, fake_kernel, mon
     told = refused("run", "--from", "fig07-small.nc", "--out", "third.nc", lines=2)
     assert told.startswith("fig07-small.nc: was made by another version, so its numbers may differ")
     assert told.splitlines()[1] == "  kernel_version: the sources of dimersweep are those of another version"
-    done("run", "--from", "fig07-small.nc", "--out", "third.nc", "--other-kernel")
+    done("run", "--from", "fig07-small.nc", "--out", "third.nc", "--other-kernel", "--no-plot")
 
 
 def test_a_cube_that_has_no_picture_is_made_again(call, done, refused, fake_kernel):

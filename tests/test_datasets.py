@@ -18,6 +18,8 @@ from tests.checks.conform import conforms
 
 SWEEPS = Path(__file__).parents[1] / "sweeps"
 SMALL = sorted(path.stem for path in SWEEPS.glob("*-small.toml"))
+# of each kind of cube one: a sweep, one with a state for each period, both ways, a search with paths, a map, points
+OF_EACH_KIND = ("fig07-small", "bifurcation-small", "hysteresis-small", "fig13-small", "fig08-small", "friction-small")
 SEARCHED = [name for name in SMALL if read_declaration(SWEEPS / f"{name}.toml").search is not None]
 
 
@@ -36,7 +38,7 @@ def test_every_declaration_is_allowed_and_has_a_small_preset(path):
 def test_a_small_preset_gives_a_cube_that_others_read(name, small_cubes):
     path = small_cubes / f"{name}.nc"
     cube = open_cube(path)
-    for engine in ("netcdf4", "h5netcdf"):
+    for engine in ("netcdf4", "h5netcdf") if name in OF_EACH_KIND else ("netcdf4",):
         with xr.open_dataset(path, engine=engine) as back:
             flags = {name for name in FLAGS if name in back.variables}
             assert ({"mode", "answer", "region", "outcome"} if name in SEARCHED else {"mode"}) <= flags
@@ -44,10 +46,6 @@ def test_a_small_preset_gives_a_cube_that_others_read(name, small_cubes):
             assert all(np.array_equal(back[name], cube[name]) for name in flags)
     picture = Image.open(small_cubes / f"{name}.png")  # which the command has drawn
     assert min(picture.size) > 200 and np.ptp(np.asarray(picture.convert("L"))) > 200
-
-
-# of each kind of cube one: a sweep, one with a state for each period, both ways, a search with paths, a map, points
-OF_EACH_KIND = ("fig07-small", "bifurcation-small", "hysteresis-small", "fig13-small", "fig08-small", "friction-small")
 
 
 @pytest.mark.jit

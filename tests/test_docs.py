@@ -105,6 +105,7 @@ WITH_PYTHON = [page for page in PAGES if "```python" in page.read_text(encoding=
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("coarse_pictures")
 @pytest.mark.parametrize("times", [1, pytest.param(2, marks=pytest.mark.release)])
 @pytest.mark.parametrize("page", WITH_PYTHON, ids=lambda page: page.name)
 def test_each_block_of_a_page_runs_by_itself(page, times, tmp_path, monkeypatch):
@@ -129,6 +130,7 @@ WITH_DOCTESTS = [
 ]
 
 
+@pytest.mark.usefixtures("coarse_pictures")
 @pytest.mark.parametrize("path", WITH_DOCTESTS, ids=lambda path: str(path.relative_to(ROOT / "dimersweep")))
 def test_the_examples_of_docstrings_print_what_they_show(path, empty_folder):
     examples, _ = examples_of(
@@ -261,7 +263,7 @@ def test_every_room_is_reached_after_the_import_of_the_package_alone():
     program = """
 import os, sys
 from functools import reduce
-import matplotlib.figure, numba, scipy.interpolate, xarray
+import matplotlib.figure, numba, pydantic, scipy.interpolate, scipy.signal, scipy.stats, xarray  # once for all of them
 import dimersweep
 assert [name for name in sys.modules if name.startswith("dimersweep.")] == ["dimersweep.faces"]
 for names in (*([name] for name in sys.argv[1:]), sys.argv[:0:-1]):

@@ -129,9 +129,7 @@ def _rendered(run: SeenRun, playback: Playback, dpi: int) -> Iterator[np.ndarray
     side, above = figure.subplots(1, 2, width_ratios=(1.25, 1))
     updates = _side_view(side, shown), _view_from_above(above, shown)
     heading = entitle(figure, f" \n{run.conditions(tex=True)}")  # the first line is that of each frame
-    line = figure.text(
-        0.5, 1.0, "", fontsize=heading.get_fontsize(), horizontalalignment="center", verticalalignment="top"
-    )
+    line = figure.text(0.5, 1.0, "", fontsize=heading.get_fontsize(), ha="center", va="top")
     for artist in (line, *updates[0](0), *updates[1](0)):
         artist.set_animated(True)
     canvas.draw()
