@@ -12,7 +12,6 @@ from time import sleep
 import numpy as np
 import pytest
 
-from dimersweep.analysis.fits import Likelihood
 from dimersweep.kernel.batch import is_stopped
 from dimersweep.kernel.model.event_row import E_PERIOD, E_PHASE
 from dimersweep.kernel.model.layout import (
@@ -53,6 +52,8 @@ def rows_made(patch, run_many):
 
 def before_each_misfit(patch, call):
     """Call `call(orbit)` before a fit compares an orbit with the data."""
+    from dimersweep.analysis.fits import Likelihood  # here: few tests need what it brings, which takes a second
+
     residuals = Likelihood.residuals
     patch.setattr(Likelihood, "residuals", lambda self, orbit: (call(orbit), residuals(self, orbit))[1])
 
