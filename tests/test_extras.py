@@ -1,6 +1,7 @@
 """Each extra brings all that its feature imports: nobody has the others."""
 
 import ast
+import functools
 import re
 import subprocess
 import sys
@@ -25,6 +26,9 @@ EXECUTED = [
 ]
 
 
+HOMES = functools.cache(packages_distributions)  # names of packages by modules, which all their files tell
+
+
 def imported(source):
     """First parts of the names of all modules that a source imports, wherever."""
     for node in ast.walk(ast.parse(source)):
@@ -37,9 +41,8 @@ def imported(source):
 def lacking(sources, extra):
     """The modules that sources import, and that are not there with this extra alone."""
     there = set(alone.closure(extra)) | {"dimersweep"}
-    homes = packages_distributions()
     names = {name for source in sources for name in imported(source)} - set(sys.stdlib_module_names) - {"dimersweep"}
-    return {name for name in names if not {canonicalize_name(home) for home in homes.get(name, ())} & there}
+    return {name for name in names if not {canonicalize_name(home) for home in HOMES().get(name, ())} & there}
 
 
 def test_the_package_imports_what_it_asks_for():

@@ -46,7 +46,7 @@ def test_a_search_takes_the_time_that_was_planned(made, ask, close):
 
 def test_a_map_takes_the_points_and_the_time_that_were_planned_and_at_most_a_third_more(made):
     made(banded_kernel)
-    halvings = {"e": 2, "Gamma": 6}
+    halvings = {"e": 2, "Gamma": 5}
     spec = study_of(COARSE, None, over="beta0", ask="any", mode="drift", periods=5, rtol=1e-8)
     told = plan(refining.study_of(spec, halvings, None), 1)
     cube = refine(COARSE, halvings=halvings, over="beta0", periods=5, progress=False)
