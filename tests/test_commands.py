@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import signal
 import sys
 from pathlib import Path
@@ -29,15 +30,25 @@ FIT = ["fit", "track.csv", "e=0.58:0.75", "spin=100:160", "--sigma", "10mm", *SL
 DIMER = ["--e", "0.65", "--f", "22", "--A_r", "5", "--mu", "0.1", "--mu_s", "0.15"]
 
 
-@pytest.fixture(autouse=True)
-def in_an_empty_folder(empty_folder):
-    Path("small.toml").write_text((ROOT / "sweeps" / "fig07-small.toml").read_text())
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    """A folder of files for commands."""
+    folder = tmp_path_factory.mktemp("files")
+    shutil.copyfile(ROOT / "sweeps" / "fig07-small.toml", folder / "small.toml")
     angles = 2 * np.pi * TIMES / 34.96
     places = [4.015 * np.cos(angles), 4.015 * np.sin(angles)]
-    np.savetxt("track.csv", np.column_stack([TIMES, *places]), delimiter=",", header="t [s],x [m],y [m]", comments="")
+    np.savetxt(
+        folder / "track.csv", np.column_stack([TIMES, *places]), delimiter=",", header="t [s],x [m],y [m]", comments=""
+    )
     t = np.arange(8000) / 2000
     plate = -9 * np.sin(94 * t) - 0.3 * np.sin(188 * t + 1)
-    np.savetxt("plate.csv", np.column_stack([t, plate]), delimiter=",", header="t [s],z [m/s2]", comments="")
+    np.savetxt(folder / "plate.csv", np.column_stack([t, plate]), delimiter=",", header="t [s],z [m/s2]", comments="")
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def in_a_folder_of_files(empty_folder, coarse_pictures, files):
+    shutil.copytree(files, ".", dirs_exist_ok=True)
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------

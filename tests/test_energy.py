@@ -119,9 +119,10 @@ def test_what_takes_energy_is_below_zero():
     tiny = 1e-12
     for end in (1, 2):
         assert (parts[f"slip_{end}"] <= tiny * float(parts["energy"].max())).all()
-    impacts = parts.isel(part=np.flatnonzero(parts["cause"] == "impact"))
-    sums = impacts.groupby("time").sum()
-    assert (sums["restitution_1"] + sums["restitution_2"] <= tiny * float(parts["energy"].max())).all()
+    impacts = parts["cause"].values == "impact"
+    taken = parts["restitution_1"].values[impacts] + parts["restitution_2"].values[impacts]
+    _, together = np.unique(parts["time"].values[impacts], return_inverse=True)
+    assert together.max() > 100 and (np.bincount(together, taken) <= tiny * float(parts["energy"].max())).all()
 
 
 def test_restitution_takes_what_the_law_says():
@@ -131,14 +132,15 @@ def test_restitution_takes_what_the_law_says():
     single = np.flatnonzero(np.isin(events["kind"], ("SI1_sp", "SI2_sp")) & (events["cause"] == "impact"))[1:]
     assert single.size > 50
     checked = 0
+    events, parts = ({name: each.values for name, each in one.variables.items()} for one in (events, parts))
     for row in single:
-        event = events.isel(event=row)
-        (part,) = np.flatnonzero((parts["time"] == event["time"]) & (parts["kind"] == event["kind"]))
-        end = 1 if event["kind"] == "SI1_sp" else 2
+        time, kind = events["time"][row], events["kind"][row]
+        (part,) = np.flatnonzero((parts["time"] == time) & (parts["kind"] == kind))
+        end = 1 if kind == "SI1_sp" else 2
         h = (dm.p1.h, dm.p2.h)[end - 1]
-        w_nn = 1 / dm.m + (h * np.cos(float(event["beta"]))) ** 2 / dm.J_t
-        lost = (1 - 0.7**2) * float(event[f"gap_{end}_rate_before"]) ** 2 / (2 * w_nn)
-        assert float(parts[f"restitution_{end}"][part]) == pytest.approx(-lost, rel=1e-6, abs=1e-16)
+        w_nn = 1 / dm.m + (h * np.cos(events["beta"][row])) ** 2 / dm.J_t
+        lost = (1 - 0.7**2) * events[f"gap_{end}_rate_before"][row] ** 2 / (2 * w_nn)
+        assert parts[f"restitution_{end}"][part] == pytest.approx(-lost, rel=1e-6, abs=1e-16)
         checked += 1
     assert checked == single.size
 

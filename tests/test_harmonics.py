@@ -36,7 +36,7 @@ def test_a_run_of_harmonics_is_that_of_their_short_forms_to_the_last_bit():
 
 
 @jit
-@pytest.mark.parametrize("seed", [0, 1, 2, *(pytest.param(k, marks=pytest.mark.release) for k in (3, 4, 5))])
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.release) for k in (2, 3, 4, 5))])
 def test_a_saw_tooth_against_the_slow_oracle(seed):
     scene = sawtooth_scene(seed)
     times = sample_times(scene, periods=1)
@@ -48,7 +48,7 @@ def test_a_saw_tooth_against_the_slow_oracle(seed):
 
 @jit
 @pytest.mark.parametrize(
-    "k", [k if k % 200 == 0 else pytest.param(k, marks=pytest.mark.release) for k in range(0, 4000, 100)]
+    "k", [k if k % 400 == 0 else pytest.param(k, marks=pytest.mark.release) for k in range(0, 4000, 100)]
 )
 def test_random_plates_leave_no_end_below_them_and_give_no_energy(k):
     """One in a hundred of those that ``benchmarks/evidence/stress.py 4000 --domain harmonics`` examines."""

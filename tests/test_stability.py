@@ -139,9 +139,9 @@ def ball_exponent(e, Gamma, impacts, skip=200):
         def height(s, t=t, u=u):
             return Gamma * (sin(t) - sin(t + s)) + u * s - s * s / 2
 
-        s = 1e-3
-        while height(s) > 0:
-            s += 0.01
+        ahead = np.arange(1e-3, u + sqrt(u * u + 4 * Gamma) + 0.02, 0.01)  # the ball has landed by then
+        heights = Gamma * (sin(t) - np.sin(t + ahead)) + u * ahead - ahead * ahead / 2
+        s = float(ahead[np.argmax(heights <= 0)])
         s = brentq(height, max(s - 0.01, 1e-6), s)
         w = u - s
         later = ((w + s - u + u - s - Gamma * cos(t)) * change[0] - s * change[1]) / (w - Gamma * cos(t + s))
