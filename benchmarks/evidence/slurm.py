@@ -30,7 +30,7 @@ from slurm_nodes import LeftOut, Slurm, slurm, why_not
 DRIVER = Path(__file__).with_name("slurm_driver.py")
 LEFT_OUT = 77  # exit status where no SLURM comes up
 SILENT, COMING = 70.0, 30.0  # seconds that nothing may be silent, and in which three jobs are to come
-FEWEST, FEW, SOME, MANY, ENDLESS = 300, 1500, 4500, 10_000, 200_000  # points
+FEWEST, FEWER, FEW, SOME, MANY, ENDLESS = 300, 900, 1500, 4500, 10_000, 200_000  # points
 
 
 class Driver:
@@ -169,8 +169,9 @@ def stopped(made: Driver) -> tuple[float, bool, str]:
 @scene("recipe", "the page's, `adapt(maximum_jobs=3)`: a job is cancelled, Ctrl-C, another sweep")
 def _(there: Slurm, bits: Bits) -> Came:
     # nothing depends on the pace of the machine: there is work until all that is waited for was seen
-    lead = {"job_script_prologue": ["export NUMBA_NUM_THREADS=1", "dimersweep warm"]}
-    made = Driver(there, "recipe", ENDLESS, FEWEST, size=ADAPT, cluster=lead, patience=240, linger=240)
+    # one core each: what they compute meanwhile is for nothing
+    lead = {"cores": 1, "job_script_prologue": ["export NUMBA_NUM_THREADS=1", "dimersweep warm"]}
+    made = Driver(there, "recipe", ENDLESS, FEWEST, size=ADAPT, cluster=lead, lost="1 s", patience=240, linger=240)
 
     def workers_were(*counts: int) -> bool:
         """Whether there have been so many workers, one number after the other, within a time that any machine keeps."""
@@ -195,7 +196,7 @@ def _(there: Slurm, bits: Bits) -> Came:
 
 @scene("small array", "the same, of three parts, one of them killed")
 def _(there: Slurm, bits: Bits) -> Came:
-    return array(there, bits, FEW, 3, 1)
+    return array(there, bits, FEWER, 3, 1)
 
 
 def array(there: Slurm, bits: Bits, points: int, parts: int, most: int) -> Came:

@@ -32,9 +32,12 @@ def sweep(points: int, **how: Any) -> Any:
 
 def main(asked: dict[str, Any]) -> None:
     """Play a scene."""
+    import dask
     from dask_jobqueue import SLURMCluster
     from distributed import Client
 
+    # how long dask waits for a worker that is lost before it asks for another
+    dask.config.set({"distributed.deploy.lost-worker-timeout": asked.get("lost", "15 s")})
     how = {"queue": "normal", "cores": 2, "processes": 1, "memory": "1GB", "walltime": "00:30:00", "interface": "lo"}
     how |= {"log_directory": "logs", "local_directory": "space", "scheduler_options": {"dashboard_address": None}}
     cluster = SLURMCluster(**how | asked.get("cluster", {}))

@@ -156,7 +156,7 @@ class Slurm:
             subprocess.run([self.python, "-c", ""], check=True, **as_user())
         except PermissionError:
             base, place = os.path.realpath(sys.base_prefix), self.folder / "python"
-            left_out = shutil.ignore_patterns("site-packages", "test", "__pycache__", "share")
+            left_out = shutil.ignore_patterns("site-packages", "test", "share")
             shutil.copytree(base, place, symlinks=True, ignore=left_out)
             self.python = place / self.python.relative_to(base)
         program = self.home / "bin" / "dimersweep"
