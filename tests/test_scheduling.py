@@ -163,7 +163,7 @@ def test_few_tasks_are_in_flight_and_short_ones_go_on():
 
 
 @pytest.fixture(scope="module")
-def cluster():
+def two_workers():
     from distributed import Client, LocalCluster
 
     with (
@@ -172,6 +172,13 @@ def cluster():
         Client(made) as client,
     ):
         yield client
+
+
+@pytest.fixture
+def cluster(two_workers):
+    """The client of a cluster of two workers, of which one that has died before has come back."""
+    two_workers.wait_for_workers(2)
+    return two_workers
 
 
 GRID = {"f": [15, 20, 25], "beta0": {"start": 10, "stop": 80, "num": 30, "unit": "deg"}}
@@ -289,10 +296,11 @@ def test_an_adaptive_cluster_sees_the_work_that_waits(monkeypatch):
     """One thread, and 40 s of work: as many more are asked for as do it in the 5 s that dask aims at."""
     from distributed import Client, LocalCluster
 
-    fast, asked = solving.run_many, []
+    fast, asked, points = solving.run_many, [], []
 
     def slow(rows, *rest, until=0, space=None):
         made = fast(rows, *rest, until=until, space=space)
+        points.append(made)
         time.sleep(0.01 * made)
         return made
 
@@ -307,7 +315,6 @@ def test_an_adaptive_cluster_sees_the_work_that_waits(monkeypatch):
     one = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
     with LocalCluster(**one) as cluster, Client(cluster) as client:
         threading.Thread(target=ask).start()
-        begun = time.monotonic()
         with pytest.raises(KeyboardInterrupt):
             dimersweep.sweep(
                 {"beta0": {"start": 10, "stop": 80, "num": 4000, "unit": "deg"}},
@@ -315,10 +322,9 @@ def test_an_adaptive_cluster_sees_the_work_that_waits(monkeypatch):
                 progress=False,
                 client=client,
             )
-        time.sleep(1.0)
-        assert time.monotonic() - begun < 20
-        assert sum(client.run(busy).values()) == 0 and not client.futures
-    assert max(asked) >= 6
+        wait_for(lambda: not any(client.run(busy).values()))
+        assert not client.futures
+    assert max(asked) >= 6 and sum(points) < 2000
 
 
 def test_what_a_task_leaves_undone_is_cut_as_all_else():

@@ -11,6 +11,7 @@ import sys
 import threading
 import traceback
 from contextlib import closing
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -461,6 +462,7 @@ def test_a_cube_that_cannot_be_written_costs_no_points(counted, monkeypatch):
 
 
 def test_what_is_read_is_what_was_added(monkeypatch):
+    monkeypatch.setattr("dimersweep.storage.tilestore.FLUSH_SECONDS", inf)  # written where that is asked for alone
     whole = made(0, 120)
     with tile_store(Path("cube.nc"), SPEC.configuration(), 120) as store:
         for piece in ((30, 40), (90, 120), (10, 30), (0, 5)):
