@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 import xarray as xr
 
-from dimersweep.cubes.cube import check_codes, names, number_of, same_number
+from dimersweep.cubes.cube import check_codes, names, number_of, same_number, without_attrs
 from dimersweep.cubes.findings import nearest
 from dimersweep.errors import ParameterError, unknown
 from dimersweep.extensions import ATTRACTORS, ORBITS_CODE, TABLE_PICTURES, load
 from dimersweep.inputs import check_count, check_switch
 from dimersweep.kernel import kernel_version
+from dimersweep.kernel.model.layout import M_DRIFT
 from dimersweep.runs.carrying import run_in_line
 from dimersweep.runs.point_source import TAKE_WHOLE, source_of
 from dimersweep.runs.run import Run
@@ -134,7 +135,7 @@ class DatasetAccessor:
 
     def drifts(self) -> xr.DataArray:
         """Return a mask of the points that drift, bool, over the axes of the cube."""
-        return (self.modes() == "drift").rename("drifts")
+        return without_attrs(self._cube["mode"] == M_DRIFT).rename("drifts")
 
     def modes(self) -> xr.DataArray:
         """Return the words of the modes, over the axes of the cube."""
