@@ -1,6 +1,7 @@
 """The kernel's verbs, callable from Python, for which most are not compiled in the program, to save time.
 
-With the JIT off these are the plain functions.
+With the JIT off these are the plain functions. They have a folder of their own: compiled code is kept until a source of its
+folder changes.
 """
 
 import numpy as np
