@@ -4,7 +4,6 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,34 +14,22 @@ from dimersweep.errors import StoreError
 from dimersweep.storage.files import replacing
 from dimersweep.storage.formats.format import Format, as_made, for_others
 
-PART_BYTES = 1 << 26  # size of the part of a cube that is written at a time: xarray copies what it writes
 DEFLATED = 1100  # factor above which no file is compressed: the limit of zlib is 1032
 # netCDF-C and HDF5 bear one thread at a time; xarray's own files wait for the same locks, taken in the same order.
 # These locks have no public name, and `to_netcdf` takes none; a lock of ours would not keep a user's files waiting.
 ONE_THREAD = combine_locks([NETCDFC_LOCK, HDF5_LOCK])
 
 
-def _parts(cube: xr.Dataset) -> Iterator[xr.Dataset]:
-    """Yield `cube` in parts of a few variables, since xarray copies all that it writes at a time."""
-    names: list[Any] = []
-    size = 0
-    for name, variable in cube.data_vars.items():
-        if names and size + variable.nbytes > PART_BYTES:
-            yield cube[names]
-            names, size = [], 0
-        names.append(name)
-        size += variable.nbytes
-    yield cube[names]
-
-
 def write_netcdf(dataset: xr.Dataset, path: Path, scratch: Path | None = None) -> None:
     """Write a dataset to a temporary file, see `replacing`, which then takes the name `path` in one step."""
-    with replacing(path, scratch) as temporary:
-        for number, part in enumerate(_parts(for_others(dataset))):
-            # without xarray's own locks: it would wait for those above, and ask a cluster, perhaps gone, for one more
-            mode, name = "a" if number else "w", os.fspath(temporary)
-            with ONE_THREAD, NetCDF4DataStore.open(name, mode, lock=DummyLock()) as store:
-                part.dump_to_store(store)
+    plain = for_others(dataset)
+    with (
+        replacing(path, scratch) as temporary,
+        ONE_THREAD,
+        # without xarray's own locks: it would wait for those above, and ask a cluster, perhaps gone, for one more
+        NetCDF4DataStore.open(os.fspath(temporary), "w", lock=DummyLock()) as store,
+    ):
+        plain.dump_to_store(store)
 
 
 def read_netcdf(path: Path) -> xr.Dataset:
