@@ -147,7 +147,7 @@ test)
     ;;
 release)
     set_up ".[dev]"
-    run_checks build_site "not jit"
+    run_checks build_site "not jit" --timeout 6000 # a whole kernel is compiled the plain way, in minutes on a busy machine
     ;;
 docs)
     set_up ".[docs]"
