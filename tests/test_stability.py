@@ -163,7 +163,7 @@ def test_a_bouncing_end_in_chaos_has_the_exponent_of_a_ball(e_2):
     found = lyapunov(simulate(**given, periods=200), 4000)
     error = found.error / 1000
     assert error < 0.035
-    assert abs(found.per_period - ball_exponent(0.9, 3.0, 4000)) < 2 * error
+    assert abs(found.per_period - ball_exponent(0.9, 3.0, 8000)) < 2 * error
 
 
 def test_what_has_no_multipliers_is_told(drift):
