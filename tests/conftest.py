@@ -74,8 +74,10 @@ def empty_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def coarse_pictures(monkeypatch):
-    """Write pictures of few pixels, at which nobody looks."""
+    """Write pictures at which nobody looks: of few pixels, not laid out, and each heading in one line."""
     monkeypatch.setattr("dimersweep.plots.style.DPI", 40)
+    monkeypatch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda *_: None)
+    monkeypatch.setattr("matplotlib.text.Text.get_wrap", lambda _: False)
 
 
 @pytest.fixture(scope="module")

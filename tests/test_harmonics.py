@@ -139,7 +139,7 @@ TABLES = {
 
 
 @pytest.mark.parametrize("kind", TABLES)
-def test_the_command_reads_a_record_as_loggers_write_it(tmp_path, kind):
+def test_the_command_reads_a_record_as_loggers_write_it(tmp_path, coarse_pictures, kind):
     *head, row = TABLES[kind].splitlines(keepends=True)
     z, x = line(15.01, [0.9, 0.03], EVEN), line(15.01, [0.05], EVEN)
     rows = "".join(row.format(t=a, z=b, x=c) for a, b, c in zip(EVEN, z, x, strict=True))

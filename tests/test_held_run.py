@@ -321,7 +321,7 @@ def test_a_run_whose_rows_have_another_shape_is_refused_before_the_kernel_reads_
             dimersweep.load_run(tmp_path / "less.nc")
 
 
-def test_a_run_shows_what_it_is(tmp_path):
+def test_a_run_shows_what_it_is(tmp_path, coarse_pictures):
     run = simulate(periods=60, Gamma=1.0)
     table = run._repr_html_().replace("\N{NO-BREAK SPACE}", " ")
     for word in ("drift", "Γ = 1", "radius", "60 of 0.06667 s"):
