@@ -460,8 +460,7 @@ def window(browser):
 def opened(window, cube=None, width=1280, height=860, *, plays=False):
     """The page when it has drawn its first run; it must leave no error behind.
 
-    Unless it `plays`, its dimer stands still, as for a reader who asks for that: to draw sixty frames a second takes half
-    of the processor time of a browser.
+    Unless it `plays`, its dimer stands still, as for a reader who asks for that: sixty frames a second take processor time.
     """
 
     def listen(request):
