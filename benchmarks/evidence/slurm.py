@@ -251,14 +251,18 @@ def array(there: Slurm, bits: Bits, points: int, parts: int, most: int) -> Came:
 
 
 def silent(there: Slurm, name: str, words: tuple[str, ...], **asked: Any) -> Came:
-    """Nothing comes: how long the driver has printed nothing when a line says so, with these words."""
+    """Nothing comes: how long there was no news when a line says so, with these words.
+
+    News are what the driver prints, and workers that come and go: one that leaves may have sent results, of which no line told.
+    """
     made = Driver(there, name, MANY, **asked)
-    said, since = "", made.begun
+    said: tuple[list[int], list[str]] = [], []
+    since = made.begun
 
     def heard() -> str:
         nonlocal said, since
         line = made.line(*words)
-        now = "".join(each for each in made.text.splitlines() if not each.startswith('{"at"'))
+        now = made.workers, [each for each in made.text.splitlines() if not each.startswith('{"at"')]
         if not line and now != said:
             said, since = now, time.time()
         return line
