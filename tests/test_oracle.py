@@ -145,10 +145,11 @@ def test_stored_impacts(k):
     assert list(details["end"]) == case["end"]
 
 
+@pytest.mark.parametrize("states", [2, pytest.param(3, marks=pytest.mark.release)])
 @pytest.mark.parametrize("name", ["base", "strong shaking"])
-def test_stored_run(name):
+def test_stored_run(name, states):
     case = next(c for c in SMALL["cases"] if c["name"] == name)
-    stored = np.array(case["samples"])[:2]
+    stored = np.array(case["samples"])[:states]
     out = simulate(case["params"], stored[:, 0], rtol=1e-8, v_rest=1e-8)
     assert out["status"] == "done"
     assert np.abs(out["samples"] - stored)[:, 1:].T / np.array(SMALL["scale"])[:, None] == pytest.approx(0, abs=1e-6)

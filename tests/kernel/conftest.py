@@ -14,6 +14,7 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if item.get_closest_marker("jit"):
             item.add_marker(pytest.mark.skip(reason="the JIT is off"))
-    for _, cases in groupby(items, key=lambda item: item.nodeid.partition("[")[0]):
+    of_each_change = [item for item in items if not item.get_closest_marker("release")]
+    for _, cases in groupby(of_each_change, key=lambda item: item.nodeid.partition("[")[0]):
         for case in list(cases)[1:-1]:
             case.add_marker("inner_case")

@@ -200,10 +200,11 @@ def test_flights_in_pieces_are_the_flight_in_one():
 
 
 @pytest.mark.jit
+@pytest.mark.parametrize("draws", [20, pytest.param(60, marks=pytest.mark.release)])
 @pytest.mark.parametrize("upright", [False, True], ids=["anywhere", "close past the vertical"])
-def test_the_heading_turns_as_in_many_small_flights_however_far(upright):
+def test_the_heading_turns_as_in_many_small_flights_however_far(upright, draws):
     rng, dm = np.random.default_rng(5), dimer(Gamma=0.0)
-    for _ in range(20):
+    for _ in range(draws):
         state = np.zeros(N_STATE)
         state[WB], state[WP], state[SPIN] = rng.normal(size=3) * 10 ** rng.uniform(0, 2, 3)
         if upright:  # the axis turns in a plane that is a little off the vertical
