@@ -169,9 +169,10 @@ def stopped(made: Driver) -> tuple[float, bool, str]:
 @scene("recipe", "the page's, `adapt(maximum_jobs=3)`: a job is cancelled, Ctrl-C, another sweep")
 def _(there: Slurm, bits: Bits) -> Came:
     # nothing depends on the pace of the machine: there is work until all that is waited for was seen
-    # one core each: what they compute meanwhile is for nothing
+    # one core each, and no quarter of a minute before dask asks for another one: what they compute meanwhile is for nothing
     lead = {"cores": 1, "job_script_prologue": ["export NUMBA_NUM_THREADS=1", "dimersweep warm"]}
-    made = Driver(there, "recipe", ENDLESS, FEWEST, size=ADAPT, cluster=lead, lost="1 s", patience=240, linger=240)
+    soon = {"distributed.deploy.lost-worker-timeout": "1 s"}
+    made = Driver(there, "recipe", ENDLESS, FEWEST, size=ADAPT, cluster=lead, dask=soon, patience=240, linger=240)
 
     def workers_were(*counts: int) -> bool:
         """Whether there have been so many workers, one number after the other, within a time that any machine keeps."""

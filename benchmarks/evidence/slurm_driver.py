@@ -36,8 +36,7 @@ def main(asked: dict[str, Any]) -> None:
     from dask_jobqueue import SLURMCluster
     from distributed import Client
 
-    # how long dask waits for a worker that is lost before it asks for another
-    dask.config.set({"distributed.deploy.lost-worker-timeout": asked.get("lost", "15 s")})
+    dask.config.set(asked.get("dask", {}))
     how = {"queue": "normal", "cores": 2, "processes": 1, "memory": "1GB", "walltime": "00:30:00", "interface": "lo"}
     how |= {"log_directory": "logs", "local_directory": "space", "scheduler_options": {"dashboard_address": None}}
     cluster = SLURMCluster(**how | asked.get("cluster", {}))

@@ -203,7 +203,10 @@ def _after(orbit: PeriodicOrbit, periods: float) -> Later:
 
 @lru_cache(maxsize=8)  # of an orbit one asks for the motion at many times, or of a few orbits in turn
 def _followed(orbit: PeriodicOrbit) -> tuple[SlowFlow, list[DriftLeg]]:
-    """Return the slow flow of an orbit and the drifts that have been followed from it, none at first."""
+    """Return the slow flow of an orbit and the drifts that have been followed from it, none at first.
+
+    The iterator of `SlowFlow.way` cannot be kept in their place: once it has raised `OrbitLost`, it is at its end.
+    """
     return flow_of(orbit), []
 
 
