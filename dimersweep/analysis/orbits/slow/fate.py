@@ -205,7 +205,7 @@ def _after(orbit: PeriodicOrbit, periods: float) -> Later:
 def _followed(orbit: PeriodicOrbit) -> tuple[SlowFlow, list[DriftLeg]]:
     """Return the slow flow of an orbit and the drifts that have been followed from it, none at first.
 
-    The iterator of `SlowFlow.way` cannot be kept in their place: once it has raised `OrbitLost`, it is at its end.
+    The iterator of `SlowFlow.way` cannot be kept in their place: once it has raised an error, it is at its end.
     """
     return flow_of(orbit), []
 
