@@ -59,6 +59,44 @@ def test_threads_use_files_at_once(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
+def test_a_thread_may_load_the_package_while_another_uses_a_cube():
+    """Of two threads that load dask at once, from different ends, both would get an ImportError."""
+    program = """
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from importlib import import_module
+from threading import Event
+
+import dimersweep
+
+half_way, begun = Event(), Event()
+
+class HalfWay:
+    def find_spec(self, name, path=None, target=None):
+        if name == "dask.config":
+            half_way.set()
+            begun.wait(0.2)  # in vain: the other thread waits for this one
+
+def use():
+    half_way.wait()
+    dimersweep.open_cube
+    begun.set()
+    import_module("dask.base")  # as xarray does to read a cube
+
+sys.meta_path.insert(0, HalfWay())
+with ThreadPoolExecutor() as threads:
+    other = threads.submit(use)
+    try:
+        dimersweep.sweep
+        print(half_way.is_set())
+    finally:
+        half_way.set()
+    other.result()
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout == "True\n", done.stderr
+
+
 def test_an_existing_file_stays_unless_forced(cube, tmp_path):
     path = tmp_path / "cube.nc"
     path.write_text("precious")
