@@ -84,11 +84,11 @@ def slow_motion_of(fixed: Solution) -> SlowMotion:
 
     The fixed point itself is returned without a fast part, or where no motion on the manifold is found within `NEAR`.
     """
-    still = slow_motion_at(fixed)
-    if not has_fast_part(fixed):
-        return still
-    slow_motion = attempt(lambda: slow_motion_near(fixed, fixed.z + lag(fixed), fixed.passage.spin))
-    return slow_motion if slow_motion and np.abs(slow_motion.z - fixed.z).max() <= NEAR else still
+    if has_fast_part(fixed):
+        slow_motion = attempt(lambda: slow_motion_near(fixed, fixed.z + lag(fixed), fixed.passage.spin))
+        if slow_motion and np.abs(slow_motion.z - fixed.z).max() <= NEAR:
+            return slow_motion
+    return slow_motion_at(fixed)
 
 
 def slow_motion_near(fixed: Solution, z: np.ndarray, spin: float) -> SlowMotion:
