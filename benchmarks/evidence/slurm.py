@@ -154,16 +154,21 @@ def _(there: Slurm, bits: Bits) -> Came:
     return Came(made.value("hash") is not None and healed, words, same(made, bits[MANY]))
 
 
-def stopped(made: Driver) -> tuple[float, bool, str]:
-    """Press Ctrl-C: how long the driver takes [s], whether nobody computes then, or has a traceback in a log, and in words."""
+def stopped(made: Driver, whose: str = "") -> tuple[float, bool, str]:
+    """Press Ctrl-C: how long the driver takes [s], whether nobody computes then, or has a traceback in a log, and in words.
+
+    Of the workers' tracebacks those count that name `whose`.
+    """
     begun = time.monotonic()
     made.process.send_signal(signal.SIGINT)
     made.wait_for(lambda: made.value("stopped"), 240)
     took = time.monotonic() - begun
     made.wait_for(lambda: made.value("busy") is not None, 240)
     logs = "".join(log.read_text(errors="replace") for log in (made.folder / "logs").iterdir())
-    traces, busy = (logs + made.text).count("Traceback"), made.value("busy")
-    return took, busy == 0 and not traces, f"ended in {took:.1f} s; {busy} tasks at work; {traces} tracebacks"
+    traces = [each for each in logs.split("Traceback")[1:] if whose in each] + made.text.split("Traceback")[1:]
+    busy = made.value("busy")
+    words = f"ended in {took:.1f} s; {busy} tasks at work; {len(traces)} tracebacks"
+    return took, busy == 0 and not traces, " ".join([words, *(each[:2000] for each in traces)])
 
 
 @scene("recipe", "the page's, `adapt(maximum_jobs=3)`: a job is cancelled, Ctrl-C, another sweep")
@@ -181,7 +186,8 @@ def _(there: Slurm, bits: Bits) -> Came:
     three = workers_were(3) and made.wait_for(made.points, 240) > 0
     there.said("scancel", jobs_of(there)[0] if three else "")
     healed = workers_were(3, 2, 3)
-    _, held, words = stopped(made)
+    # dask has tracebacks of its own where a job is cancelled that starts, or that tells the scheduler of itself just then
+    _, held, words = stopped(made, "in run_elsewhere")
     made.wait_for(lambda: made.value("hash"), 240)
     gone = workers_were(3, 2, 3, 0)
     made.end(number=signal.SIGKILL)

@@ -71,7 +71,8 @@ def main(asked: dict[str, Any]) -> None:
                 ends, left = time.monotonic() + 1.0, 1
                 while left and time.monotonic() < ends + asked.get("patience", 0.0):
                     time.sleep(max(0.1, ends - time.monotonic()))
-                    left = sum(client.run(busy).values())
+                    answers = client.run(busy, on_error="return").values()  # a worker may leave just then
+                    left = sum(each for each in answers if not isinstance(each, OSError))
                 tell(busy=left)
             except dimersweep.errors.UserError as error:
                 tell(error=str(error))
