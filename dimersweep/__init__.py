@@ -76,8 +76,6 @@ def __getattr__(name: str) -> Any:
     # importing Numba and xarray takes a second or two: pay it with the first name that needs them (PEP 562)
     if name not in _HOME:
         raise AttributeError(f"module 'dimersweep' has no attribute {name!r}")
-    # whole, and first: of two threads that come to it from different ends, as xarray does, both get an ImportError
-    import_module("dask")
     module, _, there = _HOME[name].partition(":")
     value = getattr(import_module(module), there) if there else import_module(module)
     globals()[name] = value

@@ -59,13 +59,18 @@ def test_threads_use_files_at_once(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-def test_a_thread_may_load_the_package_while_another_uses_a_cube():
+@pytest.mark.jit
+@pytest.mark.parametrize("name", ["cube.nc", "cube.zarr"])
+def test_a_thread_may_open_a_cube_while_another_loads_dask(name, tmp_path):
     """Of two threads that load dask at once, from different ends, both would get an ImportError."""
-    program = """
+    dimersweep.sweep({"f": [15, 20]}, periods=1, progress=False, out=tmp_path / name)
+    program = f"""
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from importlib import import_module
 from threading import Event
+
+import netCDF4
+import zarr
 
 import dimersweep
 
@@ -75,15 +80,17 @@ class HalfWay:
     def find_spec(self, name, path=None, target=None):
         if name == "dask.config":
             half_way.set()
-            begun.wait(0.2)  # in vain: the other thread waits for this one
+            begun.wait(0.5)  # in vain: the other thread waits for this one
+        elif name in ("dask.base", "dask.array"):
+            begun.set()
+
+dimersweep.open_cube
+sys.meta_path.insert(0, HalfWay())
 
 def use():
     half_way.wait()
-    dimersweep.open_cube
-    begun.set()
-    import_module("dask.base")  # as xarray does to read a cube
+    return dimersweep.open_cube({name!r}).sizes["f"]
 
-sys.meta_path.insert(0, HalfWay())
 with ThreadPoolExecutor() as threads:
     other = threads.submit(use)
     try:
@@ -91,10 +98,12 @@ with ThreadPoolExecutor() as threads:
         print(half_way.is_set())
     finally:
         half_way.set()
-    other.result()
+    print(other.result())
 """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
-    assert done.stdout == "True\n", done.stderr
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.stdout == "True\n2\n", done.stderr
 
 
 def test_an_existing_file_stays_unless_forced(cube, tmp_path):

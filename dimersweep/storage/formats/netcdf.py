@@ -51,6 +51,8 @@ def opened_netcdf(path: Path) -> Iterator[xr.Dataset]:
         raise StoreError(f"{path}: is a folder; give a NetCDF file")
     if not os.path.isfile(path):  # False, and no error, for a name that no file can have
         raise StoreError(f"{path}: no such file")
+    # dask as a whole: xarray begins with a part of it, and two threads that begin with two of its parts get an ImportError
+    import dask  # noqa: F401
     from netCDF4 import Dataset
 
     try:

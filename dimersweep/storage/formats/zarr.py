@@ -195,6 +195,7 @@ def opened_zarr(path: Path) -> Iterator[xr.Dataset]:
     StoreError
         If there is no group, or it is damaged.
     """
+    import dask  # noqa: F401 (as a whole, see `opened_netcdf`)
     from dask.array import from_array
 
     check_zarr()
