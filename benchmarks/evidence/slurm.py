@@ -27,6 +27,8 @@ from typing import Any, NamedTuple
 from slurm_driver import sweep
 from slurm_nodes import LeftOut, Slurm, slurm, why_not
 
+import dimersweep
+
 DRIVER = Path(__file__).with_name("slurm_driver.py")
 LEFT_OUT = 77  # exit status where no SLURM comes up
 SILENT, COMING = 70.0, 30.0  # seconds that nothing may be silent, and in which three jobs are to come
@@ -157,7 +159,7 @@ def _(there: Slurm, bits: Bits) -> Came:
 def stopped(made: Driver, whose: str = "") -> tuple[float, bool, str]:
     """Press Ctrl-C: how long the driver takes [s], whether nobody computes then, or has a traceback in a log, and in words.
 
-    Of the workers' tracebacks those count that name `whose`.
+    Of the workers' tracebacks those count that name `whose`, such as the folder of the package.
     """
     begun = time.monotonic()
     made.process.send_signal(signal.SIGINT)
@@ -187,7 +189,7 @@ def _(there: Slurm, bits: Bits) -> Came:
     there.said("scancel", jobs_of(there)[0] if three else "")
     healed = workers_were(3, 2, 3)
     # dask has tracebacks of its own where a job is cancelled that starts, or that tells the scheduler of itself just then
-    _, held, words = stopped(made, "in run_elsewhere")
+    _, held, words = stopped(made, str(Path(dimersweep.__file__).parent))
     made.wait_for(lambda: made.value("hash"), 240)
     gone = workers_were(3, 2, 3, 0)
     made.end(number=signal.SIGKILL)
@@ -250,9 +252,7 @@ def array(there: Slurm, bits: Bits, points: int, parts: int, most: int) -> Came:
     while there.jobs(job) and time.monotonic() < ends:
         time.sleep(0.1)
     merged = merge()
-    from dimersweep import open_cube
-
-    found = open_cube(folder / "cube.nc").attrs["values_sha256"] if (folder / "cube.nc").exists() else merged
+    found = dimersweep.open_cube(folder / "cube.nc").attrs["values_sha256"] if (folder / "cube.nc").exists() else merged
     words = f"{len(lacking)} killed; merge refused and named them: {named}; then it made the cube"
     return Came(named and bool(lacking), words, "yes" if found == bits[points] else f"no ({found})")
 
