@@ -166,9 +166,9 @@ def _opened(path: Path) -> Iterator[xr.Dataset]:
 def _fixed_as_configured(cube: xr.Dataset, configuration: Mapping[str, Any]) -> bool:
     """Return True if single values are as the configuration says: they have no checksum of their own."""
     varied = {*configuration.get("grid", {}), *configuration.get("points", {})}
-    single = {name for name, each in cube.coords.items() if not each.ndim} - varied
+    single = {name for name in cube.coords if not cube.variables[name].ndim} - varied
     settings = completed(configuration.get("fixed", {})) | (settings_in(configuration) if single & {*SETTINGS} else {})
     compare = dict.fromkeys(("kernel", "line"), same_number)
     return all(
-        compare.get(name, eq)(cube[name].values.item(), value) for name, value in settings.items() if name in single
+        compare.get(name, eq)(cube.variables[name].values.item(), value) for name, value in settings.items() if name in single
     )

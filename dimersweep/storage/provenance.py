@@ -122,8 +122,9 @@ def _git(*arguments: str) -> str | None:
     return done.stdout.strip() if done.returncode == 0 else None
 
 
+@cache
 def _commit() -> dict[str, str]:
-    """Return the attributes on the commit of the program, "unknown" for an installed copy."""
+    """Return the attributes on the commit of the program, "unknown" for an installed copy; git is asked once in a process."""
     # an installed copy may lie inside somebody else's repository: ask for this very file first
     if _git("ls-files", "--error-unmatch", Path(__file__).name) is None:
         return {"git_commit": "unknown", "git_dirty": "unknown"}

@@ -56,14 +56,15 @@ def opened_netcdf(path: Path) -> Iterator[xr.Dataset]:
     from netCDF4 import Dataset
 
     try:
-        with ONE_THREAD:
-            with Dataset(path) as file:
-                kinds = [(int(each.size), np.dtype(each.dtype).itemsize) for each in file.variables.values()]
+        with ONE_THREAD, Dataset(path) as file:
+            kinds = [(int(each.size), np.dtype(each.dtype).itemsize) for each in file.variables.values()]
             declared, size = sum(number * length for number, length in kinds), path.stat().st_size
             if declared > DEFLATED * size:
                 raise StoreError(f"{path}: declares {declared} bytes, which its {size} cannot hold; it is damaged")
-            with xr.open_dataset(path, engine="netcdf4", cache=False, lock=DummyLock()) as dataset:
-                yield as_made(dataset)
+            # of the file that is open: xarray would open it once more, and look it up for each variable
+            dataset = xr.open_dataset(NetCDF4DataStore(file, lock=DummyLock()), cache=False)
+            dataset.encoding["source"] = os.path.abspath(path)
+            yield as_made(dataset)
     except StoreError:
         raise
     except (OSError, ValueError, RuntimeError, AttributeError, MemoryError) as error:
