@@ -6,10 +6,12 @@ import re
 import signal
 import sys
 from collections import Counter
+from functools import cache
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from typer.main import get_command
 
 from dimersweep import cli
 from tests.browser import chromium
@@ -22,6 +24,7 @@ settings.load_profile("unhurried")
 # thousands of tests are kept: to look through them for garbage takes a twentieth of all processor time
 gc.set_threshold(50_000, 20, 100)
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell starts its background jobs with Ctrl-C ignored
+command_of = cache(get_command)  # of the whole command line, which is otherwise put together anew at each call
 
 
 @pytest.fixture
@@ -39,6 +42,8 @@ def asked(monkeypatch):
 @pytest.fixture
 def call(monkeypatch, capsys):
     """Run the command line in this process; what it printed and its exit code."""
+
+    monkeypatch.setattr("typer.main.get_command", command_of)
 
     def run(*arguments):
         monkeypatch.setattr(sys, "argv", ["dimersweep", *arguments])
@@ -76,7 +81,7 @@ def empty_folder(tmp_path, monkeypatch):
 def coarse_pictures(monkeypatch):
     """Write pictures at which nobody looks: of few pixels, not laid out, and each heading in one line."""
     monkeypatch.setattr("dimersweep.plots.style.DPI", 40)
-    monkeypatch.setattr("matplotlib.layout_engine.ConstrainedLayoutEngine.execute", lambda *_: None)
+    monkeypatch.setattr("matplotlib.figure.Figure.get_layout_engine", lambda _: None)
     monkeypatch.setattr("matplotlib.text.Text.get_wrap", lambda _: False)
 
 
