@@ -175,6 +175,7 @@ SMALL_MAP = (ROOT / "sweeps" / "fig08-small.toml").read_text()
 SLOW_SWEEP = """
 import sys, time
 import dimersweep.runs.solving
+import dimersweep.studies.making
 from tests.fakes import fake_run_many
 
 def slow(rows, *rest, until=0, space=None):
@@ -182,6 +183,7 @@ def slow(rows, *rest, until=0, space=None):
     return fake_run_many(rows, *rest)
 
 dimersweep.runs.solving.run_many = slow
+dimersweep.studies.making.prepare_kernel = lambda progress: None  # nothing runs on it
 from dimersweep.cli import main
 sys.argv = ["dimersweep", "run", sys.argv[1], "--workers", "2"]
 print("ready", flush=True)

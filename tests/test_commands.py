@@ -46,6 +46,13 @@ def files(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def fitted(files):
+    """The fit of `FIT`, in Python."""
+    track = fits.circle(*np.loadtxt(files / "track.csv", delimiter=",", skiprows=1).T, sigma=0.01)
+    return fits.fit(track, {"e": (0.58, 0.75), "spin": (100, 160)}, mu=0.3, mu_s=0.6, progress=False)
+
+
 @pytest.fixture(autouse=True)
 def in_a_folder_of_files(empty_folder, coarse_pictures, files):
     shutil.copytree(files, ".", dirs_exist_ok=True)
@@ -89,9 +96,12 @@ def units_shown_in(heads, rows):
 
 
 @pytest.mark.parametrize("arguments", TABLES, ids=lambda words: " ".join(words[:3]))
-def test_a_table_is_printed_whole_at_any_width(arguments, done, capsys, monkeypatch):
+def test_a_table_is_printed_whole_at_any_width(arguments, done, capsys, monkeypatch, request):
     from dimersweep.cli.printing import print_table
 
+    if arguments == FIT:
+        fit = request.getfixturevalue("fitted")
+        monkeypatch.setattr("dimersweep.analysis.fits.fitting.fit", lambda *_, **__: fit)
     printed = []
     for module in ("printing", "simulating"):
         monkeypatch.setattr(f"dimersweep.cli.{module}.print_table", lambda *table: printed.append(table))
@@ -328,13 +338,11 @@ def test_power_is_that_of_the_energy_budget(done):
 
 
 # --- tracks -----------------------------------------------------------------------------------------------------------
-def test_a_track_is_fitted_as_in_python(done):
+def test_a_track_is_fitted_as_in_python(done, fitted):
     told = json.loads(done(*FIT, "--json", "--out", "fit.txt", "--plot", "fit.png"))
-    table = np.loadtxt("track.csv", delimiter=",", skiprows=1)
-    fit = fits.fit(fits.circle(*table.T, sigma=0.01), {"e": (0.58, 0.75), "spin": (100, 160)}, mu=0.3, mu_s=0.6)
     rows = {row["parameter"]: row for row in told["fitted"]}
-    for name, value in fit.values.items():
-        assert (rows[name]["value"], rows[name]["error"]) == pytest.approx((value, fit.errors[name]), rel=1e-6)
+    for name, value in fitted.values.items():
+        assert (rows[name]["value"], rows[name]["error"]) == pytest.approx((value, fitted.errors[name]), rel=1e-6)
     assert told["track"]["path_radius"] == pytest.approx(4.015, abs=1e-6) and told["possible"]
     assert Path("fit.txt").read_text().splitlines()[0].split() == ["free", "value", "error", "range"]
     assert Path("fit.png").read_bytes().startswith(b"\x89PNG")

@@ -53,6 +53,7 @@ def test_a_notebook_asks_a_question_says_how_to_open_it_and_ends_with_exercises(
 
 ALL = {"figures": 8, "which_walk": 7, "imperfect": 4, "orbits": 2, "observers": 2, "slow_time": 3}
 QUICK = "observers"
+FEWER = {"np.linspace(0.9, 1.9, 41)": "np.linspace(0.9, 1.9, 5)"}  # points of a curve that is looked at as a picture
 
 
 @pytest.mark.slow
@@ -60,10 +61,17 @@ QUICK = "observers"
     ("name", "least"),
     [pytest.param(*each, marks=[] if each[0] == QUICK else pytest.mark.release) for each in ALL.items()],
 )
-def test_a_notebook_gives_what_is_stored_in_it(name, least, maker):
+def test_a_notebook_gives_what_is_stored_in_it(name, least, maker, tmp_path):
     path = ROOT / "notebooks" / f"{name}.ipynb"
     assert path in maker.NOTEBOOKS
-    stored, fresh = list(shown(nbformat.read(path, as_version=4))), list(shown(maker.executed(path)))
+    stored, run = list(shown(nbformat.read(path, as_version=4))), path
+    if name == QUICK:
+        run, written = tmp_path / path.name, path.read_text(encoding="utf-8")
+        for whole, part in FEWER.items():
+            assert written.count(whole) == 1
+            written = written.replace(whole, part)
+        run.write_text(written, encoding="utf-8")
+    fresh = list(shown(maker.executed(run)))
     assert sum(pictures for *_, pictures in stored) >= least
     for (source, text, pictures), (_, new_text, new_pictures) in zip(stored, fresh, strict=True):
         assert pictures == new_pictures, source

@@ -143,7 +143,7 @@ def test_what_cannot_be_cut_is_refused():
 
 
 @pytest.mark.jit
-def test_what_does_not_go_together_is_refused_in_a_line(monkeypatch):
+def test_what_does_not_go_together_is_refused_in_a_line(fake_kernel, monkeypatch):
     one, two = make_parts(2)
     sweep(GRID, out="whole.nc")
     (other,) = make_parts(3, [2], out="thirds.nc")

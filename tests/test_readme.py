@@ -52,11 +52,15 @@ def test_the_run_prints_what_is_shown(call):
 
 def test_the_commands_on_sweeps_run_one_after_the_other(empty_folder, fake_kernel, call):
     shutil.copytree(ROOT / "sweeps", "sweeps")
+    file, angles = Path("sweeps", "fig07.toml"), "start = 0.02, stop = 89.98, step = 0.02"
+    written = file.read_text()
+    assert angles in written
+    file.write_text(written.replace(angles, "start = 0.2, stop = 89.8, step = 0.2"))  # a tenth of the points
     lines = commands(ROOT / "docs" / "sweeps.md")
     assert len(lines) >= 6
     told = [call(*line) for line in lines]
     assert all(code == 0 for *_, code in told)
-    assert any("fig07.nc: complete, 13497 points" in out for out, *_ in told)
+    assert any("fig07.nc: complete, 1347 points" in out for out, *_ in told)
     assert {path.name for path in empty_folder.iterdir()} >= {"fig07.nc", "same.nc", "finer.nc", "again.png"}
 
 

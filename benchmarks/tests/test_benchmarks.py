@@ -131,4 +131,4 @@ def test_import_is_quick(tmp_path):
 
 
 def test_memory_of_a_point():
-    assert memory.bytes_a_point(500, 1500, traced=True, to_file=False)[1] < memory.MOST
+    assert memory.bytes_a_point(200, 600, traced=True, to_file=False)[1] < memory.MOST

@@ -41,7 +41,7 @@ def circles(cube: xr.Dataset, **look: Unpack[Look]) -> Figure:
     --------
     >>> from dimersweep import plots, sweep
     >>> fixed = {"A_r": 5, "f": 22, "e": 0.65, "mu": 0.1, "mu_s": 0.15}
-    >>> cube = sweep({"Gamma": [0.9, 1.0]}, fixed, periods=200, sustained=True, progress=False)
+    >>> cube = sweep({"Gamma": [0.6, 0.9]}, fixed, periods=200, sustained=True, progress=False)
     >>> plots.circles(cube).savefig("circles.png")
     """
     check_cube("circles", cube)

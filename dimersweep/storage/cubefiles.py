@@ -170,5 +170,7 @@ def _fixed_as_configured(cube: xr.Dataset, configuration: Mapping[str, Any]) -> 
     settings = completed(configuration.get("fixed", {})) | (settings_in(configuration) if single & {*SETTINGS} else {})
     compare = dict.fromkeys(("kernel", "line"), same_number)
     return all(
-        compare.get(name, eq)(cube.variables[name].values.item(), value) for name, value in settings.items() if name in single
+        compare.get(name, eq)(cube.variables[name].values.item(), value)
+        for name, value in settings.items()
+        if name in single
     )

@@ -195,7 +195,7 @@ def test_at_one_set_of_parameters_five_attractors_are_told_apart_and_stay():
     drawn = drawn_starts(MANY, None, None, 40, 2)
     # one start for each attractor
     each = {name: column[[0, 1, 2, 13, 14, 20, 33, 37]] for name, column in drawn.items()}
-    found = attractors(points=each, fixed={"e": 0.8, "Gamma": 1.0}, periods=1000, confirm=2000, progress=False)
+    found = attractors(points=each, fixed={"e": 0.8, "Gamma": 1.0}, periods=500, confirm=1000, progress=False)
     kept = found.sel(attractor=found["confirmed"] & (found["periods"] > 0))
     assert kept.sizes["attractor"] >= 5
     assert {1, 2, 3} <= set(kept["periods"].values.tolist())
@@ -222,7 +222,7 @@ def test_motions_that_long_runs_bring_together_are_one_attractor():
     assert found["basin"].values.tolist() == [1, 1, 2]
     each = [{name: column[k] for name, column in starts.items()} for k in range(2)]
     soon, late = (
-        [simulate(**fixed, **start, periods=n, record=False).orbit.radius for start in each] for n in (300, 15_000)
+        [simulate(**fixed, **start, periods=n, record=False).orbit.radius for start in each] for n in (300, 10_000)
     )
     assert abs(soon[1] / soon[0] - 1) > 0.03
     assert late[1] == pytest.approx(late[0], rel=1e-4)

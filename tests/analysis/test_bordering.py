@@ -46,7 +46,7 @@ def test_every_declaration_is_allowed_and_has_a_small_preset(path):
         "fig14_16-small",
     ],
 )
-def test_a_small_preset_is_written_and_drawn(name, tmp_path):
+def test_a_small_preset_is_written_and_drawn(name, tmp_path, coarse_pictures):
     out = tmp_path / "borders.nc"
     made = make_borders(read_borders(BORDERS / f"{name}.toml"), out)
     with xr.open_dataset(out) as back:
@@ -188,7 +188,7 @@ def test_families_tell_their_quantities_in_symbols_and_plain_numbers(tmp_path):
 
 
 @pytest.mark.jit
-def test_curves_are_those_of_border(tmp_path):
+def test_curves_are_those_of_border(tmp_path, coarse_pictures):
     text = (BORDERS / "atlas-small.toml").read_text()
     text = text.replace(
         'kinds = ["stable_from", "stable_to", "fold", "flip", "hop"]', 'kinds = ["fold", "flip"]'
@@ -209,7 +209,7 @@ def test_curves_are_those_of_border(tmp_path):
 
 
 @pytest.mark.jit
-def test_the_command_makes_a_file_and_a_picture(tmp_path, capsys):
+def test_the_command_makes_a_file_and_a_picture(tmp_path, capsys, coarse_pictures):
     out = tmp_path / "branch.nc"
     app(["borders", str(BORDERS / "branch-small.toml"), "--out", str(out)], standalone_mode=False)
     assert out.is_file()

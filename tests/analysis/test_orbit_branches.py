@@ -224,7 +224,7 @@ def test_a_curve_names_where_it_meets_other_borders():
 
 
 def test_a_change_of_sequence_is_followed():
-    found = orbits.border("double_impact", "Gamma", over={"e": [0.6, 0.601, 0.602]}, spin=100.0)
+    found = orbits.border("double_impact", "Gamma", over={"e": [0.6, 0.601]}, spin=100.0)
     assert (found["status"] == "ok").all()
     for e, Gamma in zip(found["e"].values, found["Gamma"].values, strict=True):
         below, above = (orbits.find(spin=100.0, e=e, Gamma=Gamma + by).sequence for by in (-1e-6, 1e-6))
@@ -331,18 +331,17 @@ def test_bad_input_is_told(orbit):
 @pytest.mark.slow
 def test_a_point_that_fails_is_marked_and_the_rest_kept():
     """The curve of the hop ends on the fold at e = 0.393."""
-    found = orbits.border("hop", "Gamma", over={"e": [0.5, 0.45, 0.3]}, spin=100.0)
-    assert list(found["status"].values[:2]) == ["ok", "ok"]
-    assert found["status"].values[2] != "ok"
-    assert np.isnan(found["Gamma"].values[2])
+    found = orbits.border("hop", "Gamma", over={"e": [0.45, 0.39]}, spin=100.0)
+    assert found["status"].values[0] == "ok" != found["status"].values[1]
+    assert np.isnan(found["Gamma"].values).tolist() == [False, True]
 
 
 def test_a_line_that_is_not_reached_is_begun_anew():
     """The phases of the double impact change near 0.966 at A_r = 6 and near 1.189 at 7: no step leads across."""
     found = orbits.border("double_impact", "Gamma", over={"A_r": [6.0, 7.0], "e": [0.56, 0.57]}, spin=100.0)
     assert found["status"].values.tolist() == [["ok", "ok"], ["one of 2", "one of 2"]]
-    alone = orbits.border("double_impact", "Gamma", over={"e": [0.56, 0.57]}, spin=100.0, A_r=7.0)
-    assert np.abs(found["Gamma"].values[1] - alone["Gamma"].values).max() < 1e-8
+    alone = orbits.border("double_impact", "Gamma", over={"e": [0.56]}, spin=100.0, A_r=7.0)
+    assert float(found["Gamma"][1, 0]) == pytest.approx(float(alone["Gamma"][0]), abs=1e-8)
 
 
 UNLIKE = {"r_1": 5e-3, "r_2": 5.05e-3}  # p2 is one per cent larger, all else as in the base case; spin 100 rad/s

@@ -27,6 +27,12 @@ def cycle():
     return orbits.sustained(spin=(130.0, 160.0), **TO_AND_FRO)
 
 
+@pytest.fixture(scope="module")
+def between():
+    """An orbit between the ends of sheets: its family is followed once for all times."""
+    return orbits.find(spin=145.0, **TO_AND_FRO)
+
+
 def spins_of_run(start, parameters, periods, parts):
     """The spin of a plain run from the orbit of a spin, after equal parts of its length [rad/s]."""
     run, spins = orbits.find(spin=start, **parameters).run(50, record=False), []
@@ -37,14 +43,14 @@ def spins_of_run(start, parameters, periods, parts):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("aside", [0.995, 1.005])
+@pytest.mark.parametrize("aside", [0.998, 1.002])
 def test_runs_from_below_and_above_come_to_it_at_its_rate(chosen, aside):
     one = chosen.isel(sustained=1)
     assert names(one["kind"]) == "spin" and bool(one["attracts"])
     spin, slow = float(one["spin"]), float(one["slow_periods"])
-    off = spins_of_run(aside * spin, CHOSEN, 9 * round(slow / 2), 3) / spin - 1
+    off = spins_of_run(aside * spin, CHOSEN, 3 * round(slow), 3) / spin - 1
     assert abs(off[-1]) < 1e-4
-    assert np.log(off[0] / off[1]) * slow / (3 * round(slow / 2)) == pytest.approx(1, rel=0.01)
+    assert np.log(off[0] / off[1]) * slow / round(slow) == pytest.approx(1, rel=0.01)
 
 
 def test_it_is_the_spin_at_which_nothing_drifts(chosen):
@@ -160,29 +166,27 @@ def test_time_runs_back_as_far_as_the_family_goes():
     back = orbits.later(orbits.find(spin=there, **DIES), periods=-50_000)
     assert there > 202 and back.spin == pytest.approx(200.0, rel=1e-6)
     with pytest.raises(ParameterError, match="comes to the end of the family after"):
-        orbits.later(orbits.find(spin=240.0, **CHOSEN), periods=-1e9)
+        orbits.later(orbits.find(spin=230.0, **CHOSEN), periods=-1e9)
 
 
 @pytest.mark.slow
-def test_a_motion_goes_round_a_cycle_as_a_run_does(cycle):
-    orbit = orbits.find(spin=145.0, **TO_AND_FRO)
+def test_a_motion_goes_round_a_cycle_as_a_run_does(cycle, between):
     around = float(cycle["slow_periods"].values[names(cycle["kind"]) == "cycle"][0])
-    many = orbits.later(orbit, periods=3000 + 40 * around)
+    many = orbits.later(between, periods=3000 + 40 * around)
     leaps = many.leaps
     assert len(leaps) == 2 and leaps[0].spin[1] == pytest.approx(leaps[0].spin[0], rel=0.01)
     assert sorted(np.ravel([leap.radius for leap in leaps])) == pytest.approx([4.63, 4.63, 4.96, 5.01], abs=0.01)
-    for periods, told in ((1000, orbits.later(orbit, periods=1000)), (3000, many)):
-        assert told.spin == pytest.approx(orbit.run(periods).orbit.spin, abs=0.1)
+    for periods, told in ((1000, orbits.later(between, periods=1000)), (3000, many)):
+        assert told.spin == pytest.approx(between.run(periods).orbit.spin, abs=0.1)
     with pytest.raises(ParameterError, match="the spin goes to and fro, from 1"):
-        orbits.later(orbit, periods=np.inf)
+        orbits.later(between, periods=np.inf)
 
 
-def test_a_leap_goes_from_where_a_motion_is_before_it_to_where_it_is_after_it():
-    orbit = orbits.find(spin=145.0, **TO_AND_FRO)
-    leaps = orbits.later(orbit, periods=6000).leaps
+def test_a_leap_goes_from_where_a_motion_is_before_it_to_where_it_is_after_it(between):
+    leaps = orbits.later(between, periods=6000).leaps
     assert len(leaps) == 2 and 0 < leaps[0].after < leaps[1].after < 6000
     for leap, falls in zip(leaps, (False, True), strict=True):
-        before = orbits.later(orbit, periods=leap.after - 1e-3)
+        before = orbits.later(between, periods=leap.after - 1e-3)
         assert (leap.spin[0], leap.radius[0]) == pytest.approx((before.spin, before.radius), abs=1e-4)
         assert (before.spin < 145) == falls
 
