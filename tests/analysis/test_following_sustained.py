@@ -98,7 +98,7 @@ def test_pitchforks_are_a_border_where_the_drift_is_smooth():
         orbits.border("pitchfork", "Gamma", over={"e": [0.6]}, **of(DIMER, e=None, Gamma=None))
 
 
-def test_a_border_that_is_not_met_is_told_after_one_branch():
+def test_a_border_that_is_not_met_is_told():
     with pytest.raises(OrbitError, match="no hop"):
         orbits.border("hop", "Gamma", over={"e": [0.65]}, spin=86.0, sustained=True, **of(DIMER, e=None, Gamma=None))
 
